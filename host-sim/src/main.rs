@@ -1,0 +1,2 @@
+//! The stage controller on the desktop.
+fn main() {}
