@@ -7,5 +7,6 @@ pub mod controller;
 pub mod error;
 pub mod motion;
 pub mod scpi;
+pub mod settings;
 pub mod stepgen;
 pub mod units;

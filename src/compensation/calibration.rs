@@ -12,14 +12,18 @@ pub const BLOCK_VERSION: u16 = 1;
 /// Largest block in bytes.
 pub const BLOCK_CAPACITY: usize = 1024;
 const MAGIC: [u8; 4] = *b"SCAL";
+/// Smallest step, Q32: 2 nm or nrad. Below, whole nanometres no longer reach every step.
+pub const STEP_MIN: u64 = 2 << 32;
+/// Steps are smaller than this, Q32: 65.536 um or urad.
+pub const STEP_END: u64 = 1 << 48;
 const HEADER: usize = 8;
 const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// One motor and the stage that it drives. Lengths in nm or, for a rotary stage, nrad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MotorData {
-    /// Size of one step, Q16 nm or nrad.
-    pub step_q16: u32,
+    /// Size of one step, Q32 nm or nrad.
+    pub step_q32: u64,
     /// Fractional bits of the motor's coupling row: 30 + floor(log2 step).
     pub row_bits: u8,
     /// Width of the play in whole steps.
@@ -88,7 +92,9 @@ impl Calibration {
         header[6..8].copy_from_slice(&u16::try_from(payload).ok()?.to_le_bytes());
         let end = HEADER + payload;
         let crc = CRC.checksum(block.get(..end)?);
-        block.get_mut(end..end + 4)?.copy_from_slice(&crc.to_le_bytes());
+        block
+            .get_mut(end..end + 4)?
+            .copy_from_slice(&crc.to_le_bytes());
         Some(end + 4)
     }
 
@@ -111,8 +117,8 @@ impl Calibration {
         if usize::from(u16::from_le_bytes([body[6], body[7]])) != body.len() - HEADER {
             return Err(shape("calibration block length"));
         }
-        let (calibration, rest) =
-            postcard::take_from_bytes::<Self>(&body[HEADER..]).map_err(|_| shape("calibration payload"))?;
+        let (calibration, rest) = postcard::take_from_bytes::<Self>(&body[HEADER..])
+            .map_err(|_| shape("calibration payload"))?;
         if !rest.is_empty() {
             return Err(shape("calibration payload length"));
         }
@@ -136,11 +142,16 @@ impl Calibration {
             return shape("calibration axis order");
         }
         let mut rotary = [self.order[5], self.order[4], self.order[3]].into_iter();
-        if self.screws.iter().any(|screw| Some(screw.axis) != rotary.next()) {
+        if self
+            .screws
+            .iter()
+            .any(|screw| Some(screw.axis) != rotary.next())
+        {
             return shape("calibration screw order");
         }
         for motor in &self.motors {
-            let step_ok = (2 << 16..1 << 31).contains(&motor.step_q16) && motor.row_bits == row_bits(motor.step_q16);
+            let step_ok = (STEP_MIN..STEP_END).contains(&motor.step_q32)
+                && motor.row_bits == row_bits(motor.step_q32);
             let travel_ok = motor.travel_lower < motor.travel_upper
                 && motor.travel_lower >= -COORDINATE_LIMIT
                 && motor.travel_upper <= COORDINATE_LIMIT;
@@ -151,10 +162,14 @@ impl Calibration {
                 return shape("calibration motor data");
             }
         }
-        let small = |values: &[i32], limit: i32| values.iter().all(|v| (-limit..=limit).contains(v));
+        let small =
+            |values: &[i32], limit: i32| values.iter().all(|v| (-limit..=limit).contains(v));
         let rows_ok = self.tilt.iter().all(|row| small(row, 1 << 28))
             && self.second_order.iter().all(|row| small(row, 1 << 28))
-            && self.screws.iter().all(|s| small(&s.direction, 1 << 30) && small(&s.point, 1 << 30))
+            && self
+                .screws
+                .iter()
+                .all(|s| small(&s.direction, 1 << 30) && small(&s.point, 1 << 30))
             && self.home_rotation.iter().all(|row| small(row, 1 << 30))
             && small(&self.home_origin, 1 << 30)
             && small(&self.fibre_point, 1 << 30);
@@ -166,6 +181,6 @@ impl Calibration {
 }
 
 /// Fractional bits of a coupling row: 30 + floor(log2 step), so that 2^bits / step fits 31 bits (ERROR-MODEL 7.4).
-pub const fn row_bits(step_q16: u32) -> u8 {
-    (30 + step_q16.ilog2() - 16) as u8
+pub const fn row_bits(step_q32: u64) -> u8 {
+    (30 + step_q32.ilog2() - 32) as u8
 }

@@ -1,0 +1,242 @@
+//! Backlash: the inverse of play, one operator per motor, with absolute state.
+//!
+//! The stage follows the motor with play b: p = clamp(p, m - b/2, m + b/2). The inverse adds an overlay o to the
+//! compensated target s: m = s + o with o = 0 on the reference flank and b against it on the other one
+//! (ERROR-MODEL 7.5). It is judged on the motor's whole-step target, never on a logical axis, and never accumulates.
+//! The overlay changes along a jerk-limited curve of a fixed duration within what the planner keeps in reserve;
+//! a take-up that has begun is finished before the next one begins, and it begins only while something moves.
+
+/// Side of the play on which the gear rests: the direction in which the motor moved last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Flank {
+    /// Reached moving in the positive direction: the reference after homing.
+    #[default]
+    Positive,
+    /// Reached moving in the negative direction.
+    Negative,
+}
+
+impl Flank {
+    /// The other side.
+    pub fn opposite(self) -> Self {
+        match self {
+            Flank::Positive => Flank::Negative,
+            Flank::Negative => Flank::Positive,
+        }
+    }
+
+    /// +1 or -1.
+    pub fn sign(self) -> i32 {
+        match self {
+            Flank::Positive => 1,
+            Flank::Negative => -1,
+        }
+    }
+}
+
+/// What the overlay follows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Overlay {
+    /// The flank: taken up on every reversal.
+    #[default]
+    Follow,
+    /// Nothing: it stays as it is, flanks are still tracked.
+    Frozen,
+    /// One flank, on which every move is made to end.
+    Fixed(Flank),
+}
+
+/// What does not change while the motor moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlayConfig {
+    /// Width of the play in steps.
+    pub width: i32,
+    /// Retreat from the extreme, in steps, that is not yet a reversal.
+    pub dead_band: i32,
+    /// The flank on which counts are true: the one on which homing ended.
+    pub reference: Flank,
+    /// A quarter of a take-up's duration, in segments; at least 1.
+    pub quarter: u32,
+    /// What the overlay follows.
+    pub overlay: Overlay,
+}
+
+impl Default for PlayConfig {
+    fn default() -> Self {
+        PlayConfig {
+            width: 0,
+            dead_band: 1,
+            reference: Flank::Positive,
+            quarter: 1,
+            overlay: Overlay::Follow,
+        }
+    }
+}
+
+impl PlayConfig {
+    /// Overlay in steps that belongs to a flank.
+    pub fn overlay_of(&self, flank: Flank) -> i32 {
+        if flank == self.reference {
+            0
+        } else {
+            -self.reference.sign() * self.width
+        }
+    }
+}
+
+/// A take-up on its way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct TakeUp {
+    from: i32,
+    to: i32,
+    /// Segments since it began; 0 = none on its way.
+    elapsed: u32,
+    quarter: u32,
+}
+
+/// State of one motor's play.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Play {
+    flank: Flank,
+    /// Farthest whole-step target reached on this flank.
+    extreme: i32,
+    /// Overlay at rest, whole steps.
+    overlay: i32,
+    take_up: TakeUp,
+    /// False after power-up, until homed or preloaded: the overlay then stays.
+    known: bool,
+}
+
+impl Play {
+    /// At rest at a target with an overlay, on a known flank or on an unknown one.
+    pub fn resting(target: i32, flank: Option<Flank>, overlay: i32) -> Self {
+        Play {
+            flank: flank.unwrap_or_default(),
+            extreme: target,
+            overlay,
+            take_up: TakeUp::default(),
+            known: flank.is_some(),
+        }
+    }
+
+    /// The flank as tracked.
+    pub fn flank(&self) -> Flank {
+        self.flank
+    }
+
+    /// True once homed or preloaded.
+    pub fn is_known(&self) -> bool {
+        self.known
+    }
+
+    /// True while a take-up is on its way.
+    pub fn is_taking_up(&self) -> bool {
+        self.take_up.elapsed != 0
+    }
+
+    /// True when a take-up would begin with the next move.
+    pub fn owes(&self, config: &PlayConfig) -> bool {
+        !self.is_taking_up() && self.wanted(config) != self.overlay
+    }
+
+    /// The overlay that the configuration wants now.
+    #[inline(always)]
+    fn wanted(&self, config: &PlayConfig) -> i32 {
+        match config.overlay {
+            Overlay::Follow if self.known => config.overlay_of(self.flank),
+            Overlay::Fixed(flank) if self.known => config.overlay_of(flank),
+            _ => self.overlay,
+        }
+    }
+
+    /// Overlay at rest in whole steps (of a take-up on its way: where it began).
+    pub fn overlay(&self) -> i32 {
+        self.overlay
+    }
+
+    /// The reversal rule alone: true when the target turned the flank.
+    #[inline(always)]
+    pub fn turn(&mut self, target: i32, dead_band: i32) -> bool {
+        let ahead = target
+            .wrapping_sub(self.extreme)
+            .wrapping_mul(self.flank.sign());
+        if ahead >= 0 {
+            self.extreme = target;
+            return false;
+        }
+        if -ahead <= dead_band {
+            return false;
+        }
+        self.flank = self.flank.opposite();
+        self.extreme = target;
+        true
+    }
+
+    /// One segment that ends at `target` (whole steps): returns the overlay there in Q32 steps.
+    /// `moving`: a move is under way, so that a take-up may begin.
+    #[inline(always)]
+    pub fn advance(&mut self, target: i32, moving: bool, config: &PlayConfig) -> i64 {
+        self.turn(target, config.dead_band);
+        if self.take_up.elapsed == 0 {
+            let wanted = self.wanted(config);
+            if !moving || self.overlay == wanted {
+                return i64::from(self.overlay) << 32;
+            }
+            self.take_up = TakeUp {
+                from: self.overlay,
+                to: wanted,
+                elapsed: 0,
+                quarter: config.quarter.max(1),
+            };
+        }
+        self.continue_take_up()
+    }
+
+    /// Four phases of constant jerk, each a quarter: sigma = 16/3 x^3, then 1/2 - 2 y + 16/3 y^3 with y = 1/2 - x,
+    /// and the mirror image. Peaks for a width b and duration T: 2 b/T, 8 b/T^2, 32 b/T^3.
+    #[cold]
+    #[inline(never)]
+    fn continue_take_up(&mut self) -> i64 {
+        let TakeUp {
+            from, to, quarter, ..
+        } = self.take_up;
+        self.take_up.elapsed += 1;
+        let n = self.take_up.elapsed;
+        let duration = 4 * quarter;
+        if n >= duration {
+            self.overlay = to;
+            self.take_up = TakeUp::default();
+            return i64::from(to) << 32;
+        }
+        let mirrored = n > 2 * quarter;
+        let n = if mirrored { duration - n } else { n };
+        let third = |n: u32| {
+            // 16/3 (n/T)^3 in Q40 with T = 4 quarters: n^3 / (12 quarter^3)
+            let x = (u64::from(n) << 30) / u64::from(quarter); // Q30, at most 1
+            let cube = ((x * x >> 30) * x) >> 20; // Q40
+            (cube / 12) as i64
+        };
+        let sigma = if n <= quarter {
+            third(n)
+        } else {
+            let y = 2 * quarter - n;
+            (1 << 39) - ((i64::from(y) << 40) / i64::from(2 * quarter)) + third(y)
+        };
+        let sigma = if mirrored { (1 << 40) - sigma } else { sigma };
+        let way = i64::from(to) - i64::from(from);
+        (i64::from(from) << 32) + ((way * sigma) >> 8)
+    }
+
+    /// Rolls back to rest at `target` with `overlay` whole steps, after an abort in the segment of which this
+    /// is the start state. An unfinished take-up goes on with the next move.
+    pub fn abort(&mut self, target: i32, overlay: i32, dead_band: i32) {
+        self.turn(target, dead_band);
+        self.overlay = overlay;
+        self.take_up = TakeUp::default();
+    }
+
+    /// Moves the tracked extreme by whole steps when the count of the motor is re-anchored.
+    pub fn shift(&mut self, by: i32) {
+        self.extreme = self.extreme.wrapping_add(by);
+    }
+}

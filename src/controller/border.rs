@@ -1,0 +1,112 @@
+//! What crosses the border between the two halves: orders down, reports up. Plain data.
+
+use crate::compensation::backlash::{Flank, PlayConfig};
+use crate::compensation::law::Law;
+use crate::motion::track::Track;
+use crate::stepgen::timing::Timing;
+use crate::units::{AXES, MotorSteps, Pose};
+
+/// What the generator is to do.
+#[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant)] // a bounded queue has no heap to box into
+pub enum Action {
+    /// Run a track in a slot from the named segment, in place of what runs there.
+    Run {
+        /// Which slot.
+        slot: u8,
+        /// The track; it begins with the named segment.
+        track: Track,
+    },
+    /// Another law. Only at standstill; an [`Action::Anchor`] follows.
+    Law(Law),
+    /// The pose and the counts that the stage stands at, overlay left out. Only at standstill.
+    Anchor {
+        /// Logical pose at rest; the law gives `steps` there.
+        pose: Pose,
+        /// Motor counts without overlay.
+        steps: MotorSteps,
+    },
+    /// Another backlash configuration of a motor.
+    Play {
+        /// Which motor.
+        motor: u8,
+        /// Its configuration from now on.
+        config: PlayConfig,
+    },
+    /// The flank of a motor is known (homed, preloaded) or unknown. Only at standstill.
+    Flank {
+        /// Which motor.
+        motor: u8,
+        /// The side on which it rests, or none.
+        flank: Option<Flank>,
+    },
+    /// Pulse timing and sense of the motors. Only at standstill.
+    Pulses(Timing),
+}
+
+/// An action and the segment at which it takes effect.
+#[derive(Clone, Copy, Debug)]
+pub struct Order {
+    /// Number of the order, for its answer.
+    pub sequence: u16,
+    /// The segment with which it takes effect; an order for a segment already generated is refused.
+    /// None: as soon as it is seen.
+    pub segment: Option<u64>,
+    /// Aborts that the front knew of when it gave the order: an order from before an abort is refused.
+    pub aborts: u16,
+    /// What to do.
+    pub action: Action,
+}
+
+/// Where the generator takes its orders from.
+pub trait Orders {
+    /// The oldest order, if there is one.
+    fn peek(&self) -> Option<&Order>;
+    /// Drops the oldest order.
+    fn pop(&mut self);
+}
+
+impl Orders for heapless::spsc::Consumer<'_, Order> {
+    fn peek(&self) -> Option<&Order> {
+        heapless::spsc::Consumer::peek(self)
+    }
+
+    fn pop(&mut self) {
+        self.dequeue();
+    }
+}
+
+/// State of the generator after a segment; every field stands alone, so that a lost report costs nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Report {
+    /// The segment that is generated next.
+    pub next: u64,
+    /// Segments completely played.
+    pub played: u64,
+    /// Sequence number of the last order that was answered.
+    pub answered: u16,
+    /// Bit k: the order `answered - k` was refused.
+    pub refused: u32,
+    /// Motor counts, overlay included, at the end of what was played.
+    pub counts: MotorSteps,
+    /// Motor counts without the overlay, at the end of what was played.
+    pub steps: MotorSteps,
+    /// Motor counts without the overlay at the end of what was generated.
+    pub final_steps: MotorSteps,
+    /// Bit n: axis n moves in the segment that is played now.
+    pub moving: u8,
+    /// Bit n: motor n takes up its play in the segment that is played now.
+    pub taking_up: u8,
+    /// Bit n: motor n rests on the negative flank.
+    pub negative: u8,
+    /// Bit n: the flank of motor n is known.
+    pub known: u8,
+    /// Bit n: motor n owes a take-up, which begins with the next move.
+    pub owing: u8,
+    /// Overlays at the end of what was generated, whole steps.
+    pub overlay: [i32; AXES],
+    /// Nothing moves in what was generated and not yet played.
+    pub settled: bool,
+    /// Aborts so far.
+    pub aborts: u16,
+}

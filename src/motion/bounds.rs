@@ -1,0 +1,157 @@
+//! How steep the law is along a path: bounds on every motor's rates and range, in integers, conservative.
+//!
+//! A motor's position over the path parameter s has slope m', curvature m'' and third derivative m'''.
+//! Linear axes make it straight; rotary ones bend it through the rotation centre: with a lever r and an angular
+//! way theta per path unit, |c''| <= r theta^2 and |c'''| <= r theta^3 (sums over the rotary axes), to which the
+//! second-order term of q_a adds its own part. The slope is taken from samples of the law itself; between two
+//! samples h apart it differs from their mean by at most m'' h / 2.
+
+use crate::compensation::law::{Law, Remembered};
+use crate::motion::track::scale;
+use crate::units::{AXES, FinePose};
+
+/// Path position 1.0 in Q60.
+pub const PATH_ONE: i64 = 1 << 60;
+
+/// Samples of the law along a path that turns.
+const SAMPLES: i64 = 8;
+
+/// A path: where it begins, one path unit of it, and the stretch of path positions to look at.
+#[derive(Clone, Copy, Debug)]
+pub struct Path {
+    /// Pose at path position 0, nm and nrad in Q32.
+    pub origin: FinePose,
+    /// One path unit, nm and nrad in Q32.
+    pub direction: [i64; AXES],
+    /// Lowest path position, Q60.
+    pub from: i64,
+    /// Highest path position, Q60.
+    pub to: i64,
+}
+
+/// Bounds of all motors along a path.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Bounds {
+    /// |m'|, steps per path unit, Q16.
+    pub slope: [u64; AXES],
+    /// |m''|, steps per path unit squared, Q16.
+    pub curvature: [u64; AXES],
+    /// |m'''|, steps per path unit cubed, Q16.
+    pub third: [u64; AXES],
+    /// Lowest motor position, Q32 steps, one half included.
+    pub lowest: [i64; AXES],
+    /// Highest motor position, Q32 steps, one half included.
+    pub highest: [i64; AXES],
+    /// Bit n: motor n makes at least one step.
+    pub steps: u8,
+    /// Angular way of one path unit, nrad, summed over the rotary axes.
+    pub turning: u64,
+}
+
+/// `lever * (angle/10^9)^power`, in steps of `step_q32`, Q16, with a quarter added for what the bound leaves out
+/// (tilted axes, the lever's own change).
+fn bent(lever_nm: u64, angles: &[u64], step_q32: u64) -> u64 {
+    let mut value = u128::from(lever_nm) << 28; // 2^-28 nm
+    for angle in angles {
+        value = value * u128::from(*angle) / 1_000_000_000 + 1;
+    }
+    let steps = value * 5 / 4 * (1 << 20) / u128::from(step_q32.max(1)); // Q28 * 2^20 / Q32 = Q16
+    u64::try_from(steps + 1).unwrap_or(u64::MAX)
+}
+
+impl Bounds {
+    /// Bounds along a path; `others` is the angular way (nrad) that other tracks may still turn meanwhile.
+    pub fn along(law: &Law, path: &Path, others: u64) -> Self {
+        let mut bounds = Bounds::default();
+        let turning: u64 = path.direction[3..]
+            .iter()
+            .map(|d| (d.unsigned_abs() >> 32) + u64::from(*d != 0))
+            .sum();
+        bounds.turning = turning + turning / 32;
+        let turns = turning != 0;
+        let (lever, second) = (law.lever_nm(), law.second_order_bound());
+        for i in 0..AXES {
+            let step = law.step_q32(i);
+            let angle = bounds.turning;
+            if !turns {
+                continue;
+            }
+            if i < 3 {
+                bounds.curvature[i] = bent(lever, &[angle, angle], step);
+                bounds.third[i] = bent(lever, &[angle, angle, angle], step);
+            } else {
+                // q'' = second * angle^2 in radians; `second` is per radian in Q32
+                let nrad = (u128::from(second) * u128::from(angle) / 1_000_000_000
+                    * u128::from(angle))
+                    >> 32;
+                bounds.curvature[i] =
+                    u64::try_from((nrad + 1) << 48).unwrap_or(u64::MAX) / step.max(1) + 1;
+            }
+        }
+        // a milliradian bends the slope by less than a thousandth: samples would only add their rounding
+        let count = if product_q60(turning, path.to - path.from) > 1_000_000 {
+            SAMPLES
+        } else {
+            1
+        };
+        let stretch = (path.to - path.from) / count;
+        let mut remembered = Remembered::default();
+        let mut last = [0i64; AXES];
+        for k in 0..=count {
+            let s = if k == count {
+                path.to
+            } else {
+                path.from + stretch * k
+            };
+            let mut pose = path.origin;
+            for (u, d) in pose.0.iter_mut().zip(&path.direction) {
+                *u = u.saturating_add(scale(*d, s));
+            }
+            let motors = law.motors(&pose, &mut remembered).0;
+            for i in 0..AXES {
+                if k == 0 {
+                    bounds.lowest[i] = motors[i];
+                    bounds.highest[i] = motors[i];
+                } else {
+                    bounds.lowest[i] = bounds.lowest[i].min(motors[i]);
+                    bounds.highest[i] = bounds.highest[i].max(motors[i]);
+                    let way = u128::from(motors[i].abs_diff(last[i])) + 2;
+                    // Q32 steps over a stretch in Q60, to Q16 steps per path unit
+                    let slope = (way << 44) / u128::from(stretch.unsigned_abs().max(1));
+                    bounds.slope[i] = bounds.slope[i].max(u64::try_from(slope).unwrap_or(u64::MAX));
+                }
+            }
+            last = motors;
+        }
+        for i in 0..AXES {
+            let between = product_q60(bounds.curvature[i], stretch) / 2;
+            // way << 44 of two units in the last place alone is no motion
+            let noise = (2u128 << 44) / u128::from(stretch.unsigned_abs().max(1)) + 1;
+            if u128::from(bounds.slope[i]) <= noise && !turns {
+                bounds.slope[i] = 0;
+            }
+            bounds.slope[i] = bounds.slope[i].saturating_add(between);
+            if turns && others != 0 && i < 3 {
+                let step = law.step_q32(i);
+                bounds.slope[i] =
+                    bounds.slope[i].saturating_add(bent(lever, &[bounds.turning, others], step));
+            }
+            let bulge = (product_q60(bounds.curvature[i], stretch).min(1 << 40) as i128
+                * i128::from(stretch))
+                >> 63;
+            let bulge = (bulge << 16) as i64;
+            if (bounds.lowest[i] - bulge) >> 32 != (bounds.highest[i] + bulge) >> 32 {
+                bounds.steps |= 1 << i;
+            }
+            bounds.lowest[i] -= bulge;
+            bounds.highest[i] += bulge;
+        }
+        bounds
+    }
+}
+
+/// `value` times a path stretch in Q60.
+fn product_q60(value: u64, stretch: i64) -> u64 {
+    u64::try_from((u128::from(value) * u128::from(stretch.unsigned_abs())) >> 60)
+        .unwrap_or(u64::MAX)
+}

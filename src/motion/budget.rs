@@ -1,0 +1,261 @@
+//! Who may use how much of a motor's velocity, acceleration and jerk.
+//!
+//! Every running track holds a share of every motor; a new one gets what is left and is never given more.
+//! A fixed part of each motor's limits is kept for taking up play.
+
+use super::bounds::Bounds;
+use super::ramp::Limits;
+use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND};
+
+/// Fractional bits of rates: steps (or nm, nrad) per segment, per segment squared and cubed.
+pub const RATE_BITS: u32 = 44;
+
+/// Velocity, acceleration and jerk of something counted in steps or in nm/nrad, per segment^k in Q44.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rates {
+    /// Per segment.
+    pub velocity: u64,
+    /// Per segment squared.
+    pub acceleration: u64,
+    /// Per segment cubed.
+    pub jerk: u64,
+}
+
+impl Rates {
+    /// From rates per second^k in nm or nrad, counted in steps of `step_q32` (1 << 32: in nm or nrad themselves).
+    pub fn per_segment(velocity: u64, acceleration: u64, jerk: u64, step_q32: u64) -> Self {
+        const T: u128 = SEGMENT_TICKS as u128;
+        const F: u128 = TICKS_PER_SECOND as u128;
+        let step = u128::from(step_q32.max(1));
+        // Each division by F keeps at least 40 fractional bits, so that nothing overflows 128 bits.
+        let v = (u128::from(velocity) * T << 40) / F;
+        let a = (u128::from(acceleration) * T * T << 40) / (F * F);
+        let j = ((u128::from(jerk) * T * T << 20) / F * T << 20) / (F * F);
+        let in_steps = |value: u128| {
+            u64::try_from((value << 36) / step)
+                .unwrap_or(u64::MAX >> 1)
+                .max(1)
+        };
+        Rates {
+            velocity: in_steps(v),
+            acceleration: in_steps(a),
+            jerk: in_steps(j),
+        }
+    }
+
+    /// A share of each, in 1/1024.
+    pub fn share(self, of_1024: u32) -> Self {
+        let part = |value: u64| ((u128::from(value) * u128::from(of_1024)) >> 10) as u64;
+        Rates {
+            velocity: part(self.velocity),
+            acceleration: part(self.acceleration),
+            jerk: part(self.jerk),
+        }
+    }
+
+    /// What is left when `other` is taken away.
+    pub fn less(self, other: Self) -> Self {
+        Rates {
+            velocity: self.velocity.saturating_sub(other.velocity),
+            acceleration: self.acceleration.saturating_sub(other.acceleration),
+            jerk: self.jerk.saturating_sub(other.jerk),
+        }
+    }
+
+    /// Both together.
+    pub fn plus(self, other: Self) -> Self {
+        Rates {
+            velocity: self.velocity.saturating_add(other.velocity),
+            acceleration: self.acceleration.saturating_add(other.acceleration),
+            jerk: self.jerk.saturating_add(other.jerk),
+        }
+    }
+
+    /// The larger of each.
+    pub fn max(self, other: Self) -> Self {
+        Rates {
+            velocity: self.velocity.max(other.velocity),
+            acceleration: self.acceleration.max(other.acceleration),
+            jerk: self.jerk.max(other.jerk),
+        }
+    }
+}
+
+/// A quarter of the duration, in segments, of a take-up of `width` steps within `reserve`
+/// (peaks 2 b/T, 8 b/T^2, 32 b/T^3 with T four quarters).
+pub fn take_up_quarter(width: u32, reserve: Rates) -> u32 {
+    let b = u128::from(width) << RATE_BITS;
+    let over = |factor: u128, rate: u64| (factor * b).div_ceil(u128::from(rate.max(1)));
+    // with T = 4 q: q >= b / (2 v), q^2 >= b / (2 a), q^3 >= b / (2 j)
+    let half = |value: u128| value.div_ceil(2);
+    let q1 = half(over(1, reserve.velocity));
+    let a = half(over(1, reserve.acceleration));
+    let q2 = a.isqrt() + 1;
+    let j = half(over(1, reserve.jerk));
+    let q3 = cube_root(j) + 1;
+    u32::try_from(q1.max(q2).max(q3))
+        .unwrap_or(u32::MAX / 8)
+        .clamp(1, u32::MAX / 8)
+}
+
+/// Largest integer whose cube does not exceed `value`.
+pub fn cube_root(value: u128) -> u128 {
+    let mut root = 0u128;
+    for bit in (0..42).rev() {
+        let next = root | 1 << bit;
+        if next * next * next <= value {
+            root = next;
+        }
+    }
+    root
+}
+
+/// Angular rates of a track, nrad per segment^k in Q20, summed over the rotary axes: what tracks that run at the
+/// same time need to know of each other, since a rotation bends what another one does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Turning {
+    /// nrad per segment, Q20.
+    pub velocity: u64,
+    /// nrad per segment squared, Q20.
+    pub acceleration: u64,
+}
+
+/// What a track has been granted.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Grant {
+    /// Limits on its path parameter.
+    pub limits: Limits,
+    /// What it uses of each motor at most.
+    pub uses: [Rates; AXES],
+    /// Its own angular rates.
+    pub turning: Turning,
+}
+
+/// value (Q16 per path unit) times rate (Q60): Q44, rounded up.
+fn times(value: u64, rate: i64) -> u64 {
+    u64::try_from(((u128::from(value) * u128::from(rate.unsigned_abs())) >> 32) + 1)
+        .unwrap_or(u64::MAX)
+}
+
+/// Q44 over Q16 per path unit: Q60, at most one path unit.
+fn over(rate: u64, value: u64) -> i64 {
+    if value == 0 {
+        return 1 << 60;
+    }
+    let quotient = (u128::from(rate) << 32) / u128::from(value);
+    quotient.min(1 << 60) as i64
+}
+
+impl Grant {
+    /// The fastest limits of a path whose motors stay within `available` and whose logical axes within `wanted`
+    /// (nm and nrad per segment^k; `ways`: |direction| of each axis, nm or nrad per path unit in Q16).
+    pub fn within(
+        bounds: &Bounds,
+        available: &[Rates; AXES],
+        wanted: &[Rates; AXES],
+        ways: &[u64; AXES],
+        others: Turning,
+        lever_steps: impl Fn(usize, u128) -> u64,
+    ) -> Self {
+        let mut velocity = 1i64 << 60;
+        for i in 0..AXES {
+            velocity = velocity.min(over(available[i].velocity, bounds.slope[i]));
+            velocity = velocity.min(over(wanted[i].velocity, ways[i]));
+            if bounds.curvature[i] != 0 {
+                // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
+                let square =
+                    (u128::from(available[i].acceleration) << 30) / u128::from(bounds.curvature[i]); // Q60 / 4
+                velocity = velocity.min((square.min(1 << 60) << 60).isqrt().min(1 << 60) as i64);
+            }
+            if bounds.third[i] != 0 {
+                let cube = (u128::from(available[i].jerk) << 29) / u128::from(bounds.third[i]); // Q60 / 8
+                velocity =
+                    velocity.min((cube_root(cube.min(1 << 60) << 60) << 20).min(1 << 60) as i64);
+            }
+        }
+        let velocity = velocity.max(1);
+        let square = ((u128::from(velocity.unsigned_abs()).pow(2)) >> 60) as i64;
+        let cube = ((u128::from(velocity.unsigned_abs()) * u128::from(square.unsigned_abs())) >> 60)
+            as i64;
+        let turning_v = turning(bounds.turning, velocity);
+        // two rotations at once: 2 r w1 w2 of acceleration on every linear motor
+        let crossed_a = |i: usize| {
+            if i >= 3 || others.velocity == 0 || turning_v == 0 {
+                return 0;
+            }
+            lever_steps(i, 2 * u128::from(turning_v) * u128::from(others.velocity))
+        };
+        let mut acceleration = 1i64 << 60;
+        for i in 0..AXES {
+            let bend = times(bounds.curvature[i], square).min(available[i].acceleration / 2)
+                + crossed_a(i);
+            let left = available[i].acceleration.saturating_sub(bend);
+            acceleration = acceleration.min(over(left, bounds.slope[i]));
+            acceleration = acceleration.min(over(wanted[i].acceleration, ways[i]));
+            if bounds.curvature[i] != 0 {
+                // 3 m'' v a at most a quarter of the jerk
+                let per = u128::from(times(bounds.curvature[i], velocity)) * 12; // Q44 per path unit of a
+                acceleration = acceleration
+                    .min(((u128::from(available[i].jerk) << 60) / per.max(1)).min(1 << 60) as i64);
+            }
+        }
+        let acceleration = acceleration.max(1);
+        let turning_a = turning(bounds.turning, acceleration);
+        let crossed_j = |i: usize| {
+            if i >= 3 || others.velocity == 0 || turning_v == 0 {
+                return 0;
+            }
+            let (v1, v2) = (u128::from(turning_v), u128::from(others.velocity));
+            let (a1, a2) = (u128::from(turning_a), u128::from(others.acceleration));
+            // 3 r (w1 a2 + a1 w2); the term 3 r w1 w2 (w1 + w2) is below a thousandth of it and covered by the quarter in `bent`
+            lever_steps(i, 3 * (v1 * a2 + a1 * v2))
+        };
+        let mixed = ((u128::from(velocity.unsigned_abs())
+            * u128::from(acceleration.unsigned_abs()))
+            >> 60) as i64;
+        let bend_j = |i: usize| {
+            times(bounds.curvature[i], mixed)
+                .saturating_mul(3)
+                .saturating_add(times(bounds.third[i], cube))
+                + crossed_j(i)
+        };
+        let mut jerk = 1i64 << 60;
+        for i in 0..AXES {
+            let left = available[i].jerk.saturating_sub(bend_j(i));
+            jerk = jerk.min(over(left, bounds.slope[i]));
+            jerk = jerk.min(over(wanted[i].jerk, ways[i]));
+        }
+        let jerk = jerk.max(1);
+        let mut uses = [Rates::default(); AXES];
+        for (i, rates) in uses.iter_mut().enumerate() {
+            *rates = Rates {
+                velocity: times(bounds.slope[i], velocity),
+                acceleration: times(bounds.slope[i], acceleration)
+                    + times(bounds.curvature[i], square)
+                    + crossed_a(i),
+                jerk: times(bounds.slope[i], jerk).saturating_add(bend_j(i)),
+            };
+        }
+        Grant {
+            limits: Limits {
+                velocity,
+                acceleration,
+                jerk,
+            },
+            uses,
+            turning: Turning {
+                velocity: turning_v,
+                acceleration: turning_a,
+            },
+        }
+    }
+}
+
+/// nrad per path unit times a path rate in Q60: nrad in Q20, rounded up.
+fn turning(angle: u64, rate: i64) -> u64 {
+    if angle == 0 {
+        0
+    } else {
+        ((u128::from(angle) * u128::from(rate.unsigned_abs())) >> 40) as u64 + 1
+    }
+}

@@ -1,0 +1,65 @@
+//! A track: one straight line in logical space and the profile that runs along it.
+
+use super::profile::Profile;
+use crate::units::AXES;
+
+/// The path unit of a single-axis track is 2^28 nm or nrad, whatever its length, so that a re-plan never
+/// rescales and a coordinate in Q32 is its path position in Q60.
+pub const SINGLE_AXIS_UNIT_BITS: u32 = 28;
+
+/// One straight line in logical space with a jerk-limited profile. What a track adds to the pose is
+/// `origin + direction * s`, and exactly `end` once the profile has ended.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Track {
+    /// Contribution at path position 0, nm or nrad in Q32.
+    pub origin: [i64; AXES],
+    /// Contribution of one path unit, nm or nrad in Q32.
+    pub direction: [i64; AXES],
+    /// Contribution once the profile has ended, exact.
+    pub end: [i64; AXES],
+    /// Path position over time.
+    pub profile: Profile,
+}
+
+impl Track {
+    /// What the track adds to the pose `elapsed` segments after its start, nm and nrad in Q32.
+    /// `cursor` is the caller's memory of the phase, see [`Profile::position`].
+    #[inline(always)]
+    pub fn contribution(&self, elapsed: u32, cursor: &mut u8) -> [i64; AXES] {
+        if elapsed >= self.profile.duration() {
+            return self.end;
+        }
+        self.at(self.profile.position(elapsed, cursor))
+    }
+
+    /// What the track adds at a path position (Q60).
+    #[inline(always)]
+    pub fn at(&self, position: i64) -> [i64; AXES] {
+        let mut sum = self.origin;
+        for (sum, direction) in sum.iter_mut().zip(&self.direction) {
+            if *direction != 0 {
+                *sum = sum.wrapping_add(scale(*direction, position));
+            }
+        }
+        sum
+    }
+
+    /// The axes that the track moves, bit n = axis n.
+    pub fn axes(&self) -> u8 {
+        let mut mask = 0;
+        for (i, d) in self.direction.iter().enumerate() {
+            mask |= u8::from(*d != 0) << i;
+        }
+        mask
+    }
+}
+
+/// `length` (Q32) times `position` (Q60) in Q32, low to 2 units in the last place: three 32-bit products.
+#[inline(always)]
+pub fn scale(length: i64, position: i64) -> i64 {
+    let (lh, ll) = ((length >> 32) as i32, length as u32);
+    let (ph, pl) = ((position >> 32) as i32, position as u32);
+    ((i64::from(lh) * i64::from(ph)) << 4)
+        .wrapping_add((i64::from(lh) * i64::from(pl)) >> 28)
+        .wrapping_add((i64::from(ll) * i64::from(ph)) >> 28)
+}

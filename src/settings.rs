@@ -1,0 +1,235 @@
+//! What a user can set, its ranges and its defaults.
+
+use crate::compensation::backlash::{Flank, Overlay, PlayConfig};
+use crate::compensation::calibration::{Calibration, MotorData, row_bits};
+use crate::compensation::law::Switches;
+use crate::motion::budget::{Rates, take_up_quarter};
+use crate::stepgen::timing::MotorTiming;
+use crate::units::{AXES, Axis};
+
+/// How backlash of a motor is dealt with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BacklashMode {
+    /// The overlay stays as it is.
+    Off,
+    /// Taken up on every change of direction of the motor.
+    #[default]
+    Reversal,
+    /// Every positioning move ends in the positive direction of the motor.
+    UniPositive,
+    /// Every positioning move ends in the negative direction of the motor.
+    UniNegative,
+}
+
+impl BacklashMode {
+    /// The flank on which moves end, of the one-directional modes.
+    pub fn ending(self) -> Option<Flank> {
+        match self {
+            BacklashMode::UniPositive => Some(Flank::Positive),
+            BacklashMode::UniNegative => Some(Flank::Negative),
+            BacklashMode::Off | BacklashMode::Reversal => None,
+        }
+    }
+}
+
+/// Backlash of one motor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BacklashSettings {
+    /// How it is dealt with.
+    pub mode: BacklashMode,
+    /// Width of the play, nm or nrad.
+    pub distance: i32,
+    /// Largest velocity of a take-up, nm/s or nrad/s: with it goes the same share of acceleration and jerk.
+    pub velocity: u64,
+    /// Steps of retreat that are not yet a reversal.
+    pub dead_band: i32,
+    /// Steps beyond the play of a one-directional overshoot.
+    pub margin: i32,
+}
+
+/// Settings of one axis and its motor. Lengths in nm or nrad.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AxisSettings {
+    /// Wanted velocity of the logical axis, per s.
+    pub velocity: u64,
+    /// Velocity above which an immediate stop makes the position uncertain, per s.
+    pub start_velocity: u64,
+    /// Wanted acceleration, per s^2.
+    pub acceleration: u64,
+    /// Wanted jerk, per s^3.
+    pub jerk: u64,
+    /// Lower soft limit.
+    pub soft_lower: i32,
+    /// Upper soft limit.
+    pub soft_upper: i32,
+    /// Soft limits are watched.
+    pub soft_on: bool,
+    /// Step size without a calibration, Q32.
+    pub step_q32: u64,
+    /// DIR is inverted.
+    pub inverted: bool,
+    /// Pulse timing of the driver.
+    pub timing: MotorTiming,
+    /// Backlash.
+    pub backlash: BacklashSettings,
+}
+
+/// Everything that a user can set and that `*RST` sets back.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Per axis.
+    pub axes: [AxisSettings; AXES],
+    /// Parts of the compensation.
+    pub switches: Switches,
+    /// Speed override, percent.
+    pub override_percent: u8,
+    /// A jog ends after this time without traffic on its link, ms.
+    pub jog_timeout_ms: u32,
+}
+
+/// Largest share of a motor that a take-up may use: a half.
+pub const TAKE_UP_SHARE_MAX: u64 = 2;
+/// Smallest share: a hundredth.
+pub const TAKE_UP_SHARE_MIN: u64 = 100;
+/// Default share: a tenth.
+pub const TAKE_UP_SHARE_DEFAULT: u64 = 10;
+
+/// Motor data that hold while no calibration is loaded: the coarse steps and modest rates of a common stage.
+pub fn uncalibrated(axis: Axis, step_q32: u64) -> MotorData {
+    let (travel, velocity, acceleration, jerk) = if axis.is_rotary() {
+        (87_266_463, 34_906_585, 349_065_850, 6_981_317_008)
+    } else {
+        (25_000_000, 2_000_000, 20_000_000, 400_000_000)
+    };
+    MotorData {
+        step_q32,
+        row_bits: row_bits(step_q32),
+        backlash_steps: 0,
+        travel_lower: -travel,
+        travel_upper: travel,
+        velocity,
+        acceleration,
+        jerk,
+    }
+}
+
+/// Step size while nothing else is known, Q32: 50 nm or 4 urad.
+pub fn default_step_q32(axis: Axis) -> u64 {
+    if axis.is_rotary() {
+        4_000 << 32
+    } else {
+        50 << 32
+    }
+}
+
+/// Whole units of a Q32 step count.
+pub fn steps_to_units(steps: i64, step_q32: u64) -> i64 {
+    ((i128::from(steps) * i128::from(step_q32) + (1 << 31)) >> 32) as i64
+}
+
+/// Steps nearest to a length, halves away from zero.
+pub fn units_to_steps(units: i64, step_q32: u64) -> i64 {
+    let doubled = (i128::from(units.unsigned_abs()) << 33) / i128::from(step_q32.max(1));
+    let steps = ((doubled + 1) >> 1) as i64;
+    if units < 0 { -steps } else { steps }
+}
+
+impl AxisSettings {
+    /// The defaults: the calibration's values where it has one.
+    pub fn defaults(motor: &MotorData) -> Self {
+        AxisSettings {
+            velocity: motor.velocity,
+            start_velocity: motor.velocity,
+            acceleration: motor.acceleration,
+            jerk: motor.jerk,
+            soft_lower: motor.travel_lower,
+            soft_upper: motor.travel_upper,
+            soft_on: true,
+            step_q32: motor.step_q32,
+            inverted: false,
+            timing: MotorTiming::default(),
+            backlash: BacklashSettings {
+                mode: BacklashMode::Reversal,
+                distance: steps_to_units(i64::from(motor.backlash_steps), motor.step_q32) as i32,
+                velocity: (motor.velocity / TAKE_UP_SHARE_DEFAULT).max(1),
+                dead_band: 1,
+                margin: 10,
+            },
+        }
+    }
+
+    /// Width of the play in whole steps.
+    pub fn backlash_steps(&self, motor: &MotorData) -> i32 {
+        units_to_steps(i64::from(self.backlash.distance), motor.step_q32).clamp(0, 1 << 20) as i32
+    }
+
+    /// Reserve of the motor for take-up: none where none can come.
+    pub fn reserve(&self, motor: &MotorData) -> Rates {
+        if self.backlash.mode == BacklashMode::Off || self.backlash.distance == 0 {
+            return Rates::default();
+        }
+        let share =
+            (u128::from(self.backlash.velocity) << 10).div_ceil(u128::from(motor.velocity.max(1)));
+        motor_rates(motor).share(share.clamp(1, 1024 / u128::from(TAKE_UP_SHARE_MAX)) as u32)
+    }
+
+    /// Configuration of the motor's play in the generator.
+    pub fn play(&self, motor: &MotorData, switches: Switches) -> PlayConfig {
+        let width = self.backlash_steps(motor);
+        let overlay = match (
+            switches.compensation && switches.backlash,
+            self.backlash.mode,
+        ) {
+            (false, _) | (_, BacklashMode::Off) => Overlay::Frozen,
+            (true, BacklashMode::Reversal) => Overlay::Follow,
+            (true, BacklashMode::UniPositive) => Overlay::Fixed(Flank::Positive),
+            (true, BacklashMode::UniNegative) => Overlay::Fixed(Flank::Negative),
+        };
+        PlayConfig {
+            width,
+            dead_band: self.backlash.dead_band,
+            reference: Flank::Positive,
+            quarter: take_up_quarter(width.unsigned_abs(), self.reserve(motor)),
+            overlay,
+        }
+    }
+
+    /// Wanted rates of the logical axis, nm or nrad per segment^k.
+    pub fn wanted(&self) -> Rates {
+        Rates::per_segment(self.velocity, self.acceleration, self.jerk, 1 << 32)
+    }
+}
+
+/// Limits of a motor, steps per segment^k.
+pub fn motor_rates(motor: &MotorData) -> Rates {
+    Rates::per_segment(
+        motor.velocity,
+        motor.acceleration,
+        motor.jerk,
+        motor.step_q32,
+    )
+}
+
+impl Settings {
+    /// The defaults for a calibration, or without one.
+    pub fn defaults(calibration: Option<&Calibration>) -> Self {
+        let motors = motors(calibration, None);
+        Settings {
+            axes: motors.map(|m| AxisSettings::defaults(&m)),
+            switches: Switches::default(),
+            override_percent: 100,
+            jog_timeout_ms: 1000,
+        }
+    }
+}
+
+/// Motor data in force: the calibration's, or the uncalibrated ones with the step sizes set by hand.
+pub fn motors(calibration: Option<&Calibration>, settings: Option<&Settings>) -> [MotorData; AXES] {
+    match calibration {
+        Some(calibration) => calibration.motors,
+        None => Axis::ALL.map(|axis| {
+            let step = settings.map_or(default_step_q32(axis), |s| s.axes[axis.index()].step_q32);
+            uncalibrated(axis, step)
+        }),
+    }
+}
