@@ -1,0 +1,1 @@
+//! The physical twin: what the step words do to a real stage.
