@@ -129,6 +129,11 @@ impl Mechanics {
             for chunk in block.chunks(CHUNK) {
                 let any = chunk.iter().fold(0, |any, word| any | word);
                 if any & 0xffff == 0 {
+                    // Without set bits no edge rises, but a DIR line may fall.
+                    if self.lines & (any >> 16) & DIR_MASK != 0 {
+                        self.settle(counts);
+                        counts = 0;
+                    }
                     self.lines &= !(any >> 16);
                 } else {
                     counts = self.play(chunk, counts);
