@@ -107,11 +107,11 @@ impl Plain {
     fn feed(&mut self, words: &[u32], play: [f64; AXES]) {
         for word in words {
             let next = (self.lines & !(word >> 16)) | (word & 0xffff);
-            for motor in 0..AXES {
+            for (motor, play) in play.into_iter().enumerate() {
                 if next & !self.lines & step(motor) != 0 {
                     self.motors[motor] += if next & dir(motor) != 0 { 1 } else { -1 };
-                    let (m, half) = (f64::from(self.motors[motor]), play[motor] / 2.0);
-                    self.driven[motor] = self.driven[motor].clamp(m - half, m + half);
+                    let m = f64::from(self.motors[motor]);
+                    self.driven[motor] = self.driven[motor].clamp(m - play / 2.0, m + play / 2.0);
                 }
             }
             self.lines = next;
