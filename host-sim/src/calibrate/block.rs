@@ -67,8 +67,14 @@ fn motor(axis: Axis, drive: &Drive) -> Result<MotorData, Refusal> {
     let field = |name: &'static str| move || format!("axes.{} {name}", axis.name());
     let step_q16 = rounded(field("step"), drive.step * 65536.0, f64::from(i32::MAX))? as u32;
     let end = |value| small(field("travel"), value, f64::from(COORDINATE_LIMIT));
+    // A limit is not rounded up; a millionth forgives the binary form of a decimal number.
     let rate = |name, value: f64, bits: i32| {
-        rounded(field(name), value.max(1.0), 2f64.powi(bits)).map(|whole| whole as u64)
+        rounded(
+            field(name),
+            (value + 1e-6).floor().max(1.0),
+            2f64.powi(bits),
+        )
+        .map(|whole| whole as u64)
     };
     // f64::round rounds halves away from zero, as the block demands.
     let backlash = rounded(

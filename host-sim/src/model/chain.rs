@@ -45,7 +45,7 @@ struct Placement {
 
 /// The exact forward model of a machine: lengths in nm, angles in rad inside and nrad at the border.
 ///
-/// Joint k = Trans(axis_offset) · exp([ε]×) · motion, base to tip, then F (ERROR-MODEL 2).
+/// Joint k = Trans(axis_offset) · `exp([ε]×)` · motion, base to tip, then F (ERROR-MODEL 2).
 #[derive(Clone, Debug)]
 pub struct Chain {
     joints: [Joint; AXES],
