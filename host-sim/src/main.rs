@@ -1,2 +1,6 @@
-//! The stage controller on the desktop.
-fn main() {}
+//! The command-line tool `host-sim`.
+#![forbid(unsafe_code)]
+
+fn main() -> std::process::ExitCode {
+    host_sim::cli::main()
+}

@@ -1,0 +1,59 @@
+//! `host-sim calibrate`: machine file in, calibration block out.
+
+use super::Failure;
+use crate::calibrate::calibrate;
+use crate::machine::{Machine, MachineError};
+use stage_controller::compensation::calibration::BLOCK_CAPACITY;
+use std::path::{Path, PathBuf};
+
+/// Compute the calibration block of a machine, and say how exact it is.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Machine file (TOML), or `paper` for the built-in machine.
+    machine: PathBuf,
+    /// Where the block is written.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Print the report as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Args {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let machine = load(&self.machine)?;
+        let named =
+            |reason: String| Failure::Refused(format!("{}: {reason}", self.machine.display()));
+        let (calibration, report) =
+            calibrate(&machine).map_err(|refusal| named(refusal.to_string()))?;
+        let mut block = [0; BLOCK_CAPACITY];
+        let length = calibration
+            .encode(&mut block)
+            .expect("a block fits its capacity");
+        std::fs::write(&self.output, &block[..length]).map_err(|source| Failure::Io {
+            path: self.output.display().to_string(),
+            source,
+        })?;
+        if self.json {
+            println!(
+                "{}",
+                serde_json::to_string_pretty(&report).expect("a report is plain data")
+            );
+        } else {
+            println!("{report}");
+            println!("{} bytes written to {}", length, self.output.display());
+        }
+        Ok(())
+    }
+}
+
+/// A machine file, or the built-in machine by its name when there is no such file.
+fn load(path: &Path) -> Result<Machine, Failure> {
+    if path == Path::new("paper") && !path.exists() {
+        return Ok(Machine::paper());
+    }
+    Machine::load(path).map_err(|error| match error {
+        MachineError::Read { path, source } => Failure::Io { path, source },
+        other => Failure::Refused(format!("{}: {other}", path.display())),
+    })
+}

@@ -1,0 +1,8 @@
+//! The stage controller on the desktop: the stage's exact model, its calibration and its physical twin.
+#![forbid(unsafe_code)]
+
+pub mod calibrate;
+pub mod cli;
+pub mod machine;
+pub mod model;
+pub mod twin;

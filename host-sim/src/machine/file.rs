@@ -1,0 +1,280 @@
+//! The keys and units of a machine file, and the checks of its values.
+
+use super::{
+    Drive, LARGEST_STATIC, Machine, MachineError, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING,
+    StaticErrors,
+};
+use serde::Deserialize;
+use stage_controller::units::{AXES, Axis};
+use std::f64::consts::PI;
+
+const NRAD_PER_DEG: f64 = PI / 180.0 * 1e9;
+
+/// A machine file as written: keys and units of the file, unchecked. Becomes a [`Machine`] by `try_into`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MachineFile {
+    name: String,
+    order: Vec<String>,
+    fibre_point_um: [f64; 3],
+    #[serde(default)]
+    axis_offset_um: Offsets,
+    #[serde(default)]
+    static_rad: StaticErrors,
+    axes: Stages,
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[allow(non_snake_case)]
+struct Offsets {
+    X: [f64; 3],
+    Y: [f64; 3],
+    Z: [f64; 3],
+    alpha: [f64; 3],
+    beta: [f64; 3],
+    gamma: [f64; 3],
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(non_snake_case)]
+struct Stages {
+    X: LinearStage,
+    Y: LinearStage,
+    Z: LinearStage,
+    alpha: RotaryStage,
+    beta: RotaryStage,
+    gamma: RotaryStage,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LinearStage {
+    step_nm: f64,
+    backlash_nm: f64,
+    travel_um: [f64; 2],
+    max_velocity_um_s: f64,
+    max_acceleration_um_s2: f64,
+    max_jerk_um_s3: f64,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RotaryStage {
+    step_nrad: f64,
+    backlash_nrad: f64,
+    travel_deg: [f64; 2],
+    max_velocity_deg_s: f64,
+    max_acceleration_deg_s2: f64,
+    max_jerk_deg_s3: f64,
+}
+
+/// One stage in the units of the file, with what its keys are called.
+struct Written {
+    axis: Axis,
+    step: f64,
+    backlash: f64,
+    travel: [f64; 2],
+    rates: [f64; 3],
+}
+
+impl Written {
+    fn linear(axis: Axis, s: &LinearStage) -> Self {
+        let rates = [
+            s.max_velocity_um_s,
+            s.max_acceleration_um_s2,
+            s.max_jerk_um_s3,
+        ];
+        Written {
+            axis,
+            step: s.step_nm,
+            backlash: s.backlash_nm,
+            travel: s.travel_um,
+            rates,
+        }
+    }
+
+    fn rotary(axis: Axis, s: &RotaryStage) -> Self {
+        let rates = [
+            s.max_velocity_deg_s,
+            s.max_acceleration_deg_s2,
+            s.max_jerk_deg_s3,
+        ];
+        Written {
+            axis,
+            step: s.step_nrad,
+            backlash: s.backlash_nrad,
+            travel: s.travel_deg,
+            rates,
+        }
+    }
+
+    fn key(&self, quantity: &str, per: &str) -> String {
+        let (fine, coarse) = if self.axis.is_rotary() {
+            ("nrad", "deg")
+        } else {
+            ("nm", "um")
+        };
+        let unit = if matches!(quantity, "step" | "backlash") {
+            fine
+        } else {
+            coarse
+        };
+        format!("axes.{}.{quantity}_{unit}{per}", self.axis.name())
+    }
+
+    fn check(&self) -> Result<Drive, MachineError> {
+        let scale = if self.axis.is_rotary() {
+            NRAD_PER_DEG
+        } else {
+            1e3
+        };
+        if !(SMALLEST_STEP..STEP_LIMIT).contains(&self.step) {
+            let reason = format!("a step must be at least {SMALLEST_STEP} and below {STEP_LIMIT}");
+            return Err(MachineError::value(self.key("step", ""), self.step, reason));
+        }
+        if !(self.backlash.is_finite() && self.backlash >= 0.0) {
+            let reason = "a backlash must be zero or positive";
+            return Err(MachineError::value(
+                self.key("backlash", ""),
+                self.backlash,
+                reason,
+            ));
+        }
+        let [lower, upper] = self.travel;
+        if !(lower.is_finite() && upper.is_finite() && lower < upper) {
+            let reason = "the lower end of the travel must be below the upper";
+            return Err(MachineError::value(
+                self.key("travel", ""),
+                format!("[{lower}, {upper}]"),
+                reason,
+            ));
+        }
+        let names = [
+            ("max_velocity", "_s"),
+            ("max_acceleration", "_s2"),
+            ("max_jerk", "_s3"),
+        ];
+        for ((quantity, per), rate) in names.into_iter().zip(self.rates) {
+            if !(rate.is_finite() && rate > 0.0) {
+                return Err(MachineError::value(
+                    self.key(quantity, per),
+                    rate,
+                    "a rate must be positive",
+                ));
+            }
+        }
+        let [velocity, acceleration, jerk] = self.rates.map(|rate| rate * scale);
+        let step_rate = velocity / self.step;
+        if step_rate > STEP_RATE_CEILING * (1.0 + 1e-12) {
+            let reason = format!(
+                "needs {step_rate:.0} steps/s of motor {}, at most {STEP_RATE_CEILING}",
+                self.axis.name()
+            );
+            return Err(MachineError::value(
+                self.key("max_velocity", "_s"),
+                self.rates[0],
+                reason,
+            ));
+        }
+        let travel = [lower * scale, upper * scale];
+        Ok(Drive {
+            step: self.step,
+            backlash: self.backlash,
+            travel,
+            velocity,
+            acceleration,
+            jerk,
+        })
+    }
+}
+
+impl TryFrom<MachineFile> for Machine {
+    type Error = MachineError;
+
+    fn try_from(file: MachineFile) -> Result<Self, MachineError> {
+        let printable = file.name.bytes().all(|b| b.is_ascii_graphic() || b == b' ');
+        if file.name.is_empty() || file.name.len() > 16 || !printable {
+            let reason = "a name has 1 to 16 printable ASCII characters";
+            return Err(MachineError::value(
+                "name",
+                format!("{:?}", file.name),
+                reason,
+            ));
+        }
+        let order = parse_order(&file.order)?;
+        let position = |key: &str, um: [f64; 3]| {
+            if um.iter().all(|v| v.is_finite()) {
+                Ok(um.map(|v| v * 1e3))
+            } else {
+                Err(MachineError::value(
+                    key,
+                    format!("{um:?}"),
+                    "a position must be finite",
+                ))
+            }
+        };
+        let offsets = &file.axis_offset_um;
+        let written = [
+            offsets.X,
+            offsets.Y,
+            offsets.Z,
+            offsets.alpha,
+            offsets.beta,
+            offsets.gamma,
+        ];
+        let mut axis_offset_nm = [[0.0; 3]; AXES];
+        for axis in Axis::ALL {
+            let key = format!("axis_offset_um.{}", axis.name());
+            axis_offset_nm[axis.index()] = position(&key, written[axis.index()])?;
+        }
+        for (name, value) in StaticErrors::NAMES
+            .into_iter()
+            .zip(file.static_rad.values())
+        {
+            if !(-LARGEST_STATIC..=LARGEST_STATIC).contains(&value) {
+                let reason = format!("a static error is at most {LARGEST_STATIC} rad");
+                return Err(MachineError::value(
+                    format!("static_rad.{name}"),
+                    value,
+                    reason,
+                ));
+            }
+        }
+        let stages = &file.axes;
+        let drives = [
+            Written::linear(Axis::X, &stages.X).check()?,
+            Written::linear(Axis::Y, &stages.Y).check()?,
+            Written::linear(Axis::Z, &stages.Z).check()?,
+            Written::rotary(Axis::Alpha, &stages.alpha).check()?,
+            Written::rotary(Axis::Beta, &stages.beta).check()?,
+            Written::rotary(Axis::Gamma, &stages.gamma).check()?,
+        ];
+        Ok(Machine {
+            fibre_point_nm: position("fibre_point_um", file.fibre_point_um)?,
+            name: file.name,
+            order,
+            axis_offset_nm,
+            statics: file.static_rad,
+            drives,
+        })
+    }
+}
+
+fn parse_order(written: &[String]) -> Result<[Axis; AXES], MachineError> {
+    let refused = |reason: &str| MachineError::value("order", format!("{written:?}"), reason);
+    let mut order = Vec::with_capacity(AXES);
+    for name in written {
+        let known = Axis::ALL.into_iter().find(|axis| axis.name() == name);
+        let axis = known
+            .ok_or_else(|| refused(&format!("{name:?} is none of X, Y, Z, alpha, beta, gamma")))?;
+        if order.contains(&axis) {
+            return Err(refused(&format!("{name} is named twice")));
+        }
+        order.push(axis);
+    }
+    order
+        .try_into()
+        .map_err(|_| refused("all six axes must be named"))
+}

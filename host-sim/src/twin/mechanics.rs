@@ -1,0 +1,207 @@
+//! Motors, play and chain behind the step words.
+//!
+//! # Design
+//! Play does not depend on speed: over a run of steps in one direction only the last position counts.
+//! So edges are only *counted* word by word, six lanes in one u64, and the play is worked out when a
+//! direction changes and at the end of a call. The pose is computed when it is asked for.
+//!
+//! # Limitations
+//! A motor follows every edge: no stall, no missed step however short the pulse ([`super::Timing`]
+//! tells). A direction line that changes in the same word as a step edge counts with its new level.
+
+use super::after_word;
+use crate::machine::Machine;
+use crate::model::Chain;
+use stage_controller::units::{AXES, MotorSteps};
+
+/// Bit of port E that carries STEP of each motor.
+pub const STEP_PINS: [u32; AXES] = [6, 14, 5, 13, 7, 15];
+/// Bit of port E that carries DIR of each motor; high is the positive direction.
+pub const DIR_PINS: [u32; AXES] = [4, 8, 9, 10, 11, 12];
+
+const STEP_MASK: u32 = mask(STEP_PINS);
+const DIR_MASK: u32 = mask(DIR_PINS);
+/// Words that are skipped together when none of them sets a bit.
+const CHUNK: usize = 16;
+/// Bits of one motor's counter.
+const LANE: u32 = 10;
+/// Chunks after which a counter could overflow.
+const CHUNKS_PER_COUNT: usize = ((1 << LANE) - 1) / CHUNK;
+/// Edges of one word as counter increments, by bits 5–7 and 13–15 of the port.
+const LANES: [u64; 64] = lanes();
+
+const _: () = assert!(
+    STEP_MASK == 0xe0e0,
+    "the table of increments is made for PE5-7 and PE13-15"
+);
+
+const fn mask(pins: [u32; AXES]) -> u32 {
+    let (mut mask, mut i) = (0, 0);
+    while i < AXES {
+        mask |= 1 << pins[i];
+        i += 1;
+    }
+    mask
+}
+
+const fn lane_index(rising: u32) -> usize {
+    (((rising >> 5) & 7) | ((rising >> 10) & 0x38)) as usize
+}
+
+const fn lanes() -> [u64; 64] {
+    let mut table = [0; 64];
+    let mut motor = 0;
+    while motor < AXES {
+        let bit = lane_index(1 << STEP_PINS[motor]);
+        let mut i = 0;
+        while i < 64 {
+            if i & bit != 0 {
+                table[i] += 1 << (LANE * motor as u32);
+            }
+            i += 1;
+        }
+        motor += 1;
+    }
+    table
+}
+
+/// One motor and the play behind it, in steps.
+#[derive(Clone, Copy, Debug)]
+struct Drive {
+    motor: i32,
+    /// Driven side of the play.
+    driven: f64,
+    half_play: f64,
+}
+
+impl Drive {
+    fn turn(&mut self, steps: i32) {
+        self.motor += steps;
+        let motor = f64::from(self.motor);
+        self.driven = self
+            .driven
+            .clamp(motor - self.half_play, motor + self.half_play);
+    }
+}
+
+/// The stage as the step words move it.
+#[derive(Clone, Debug)]
+pub struct Mechanics {
+    chain: Chain,
+    steps: [f64; AXES],
+    drives: [Drive; AXES],
+    /// Port bits of the DIR lines whose sense is inverted.
+    inverted: u32,
+    lines: u32,
+    ticks: u64,
+}
+
+impl Mechanics {
+    /// A stage at home on the positive (reference) flank of every play, all lines low, with the
+    /// machine's true backlash. `inverted`: motors whose DIR line means positive when low.
+    pub fn new(machine: &Machine, inverted: [bool; AXES]) -> Self {
+        let mut inverted_lines = 0;
+        for (pin, invert) in DIR_PINS.into_iter().zip(inverted) {
+            inverted_lines |= u32::from(invert) << pin;
+        }
+        Mechanics {
+            chain: Chain::new(machine),
+            steps: machine.drives.map(|drive| drive.step),
+            drives: machine.drives.map(|drive| {
+                let half_play = 0.5 * drive.backlash / drive.step;
+                Drive {
+                    motor: 0,
+                    driven: -half_play,
+                    half_play,
+                }
+            }),
+            inverted: inverted_lines,
+            lines: 0,
+            ticks: 0,
+        }
+    }
+
+    /// Plays words, one per tick.
+    pub fn feed(&mut self, words: &[u32]) {
+        self.ticks += words.len() as u64;
+        let mut counts = 0u64;
+        for block in words.chunks(CHUNK * CHUNKS_PER_COUNT) {
+            for chunk in block.chunks(CHUNK) {
+                let any = chunk.iter().fold(0, |any, word| any | word);
+                if any & 0xffff == 0 {
+                    // Without set bits no edge rises, but a DIR line may fall.
+                    if self.lines & (any >> 16) & DIR_MASK != 0 {
+                        self.settle(counts);
+                        counts = 0;
+                    }
+                    self.lines &= !(any >> 16);
+                } else {
+                    counts = self.play(chunk, counts);
+                }
+            }
+            self.settle(counts);
+            counts = 0;
+        }
+    }
+
+    /// Counts the rising edges of a chunk on top of `counts`.
+    #[inline]
+    fn play(&mut self, chunk: &[u32], mut counts: u64) -> u64 {
+        let mut lines = self.lines;
+        for &word in chunk {
+            let next = after_word(lines, word);
+            if (next ^ lines) & DIR_MASK != 0 {
+                self.settle(counts);
+                counts = 0;
+                self.lines = next;
+            }
+            counts += LANES[lane_index(next & !lines)];
+            lines = next;
+        }
+        self.lines = lines;
+        counts
+    }
+
+    /// Turns the motors by counted edges in the present directions.
+    fn settle(&mut self, counts: u64) {
+        if counts == 0 {
+            return;
+        }
+        let positive = self.lines ^ self.inverted;
+        for (motor, drive) in self.drives.iter_mut().enumerate() {
+            let edges = (counts >> (LANE * motor as u32)) as i32 & ((1 << LANE) - 1);
+            if edges != 0 {
+                drive.turn(if positive >> DIR_PINS[motor] & 1 == 1 {
+                    edges
+                } else {
+                    -edges
+                });
+            }
+        }
+    }
+
+    /// Ticks played.
+    pub fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    /// Levels of the port's lines.
+    pub fn lines(&self) -> u32 {
+        self.lines
+    }
+
+    /// Motor positions in steps from home.
+    pub fn motors(&self) -> MotorSteps {
+        MotorSteps(self.drives.map(|drive| drive.motor))
+    }
+
+    /// Actuator positions behind the play in nm and nrad; on the positive flank motor · step.
+    pub fn actuators(&self) -> [f64; AXES] {
+        std::array::from_fn(|i| (self.drives[i].driven + self.drives[i].half_play) * self.steps[i])
+    }
+
+    /// True pose of the fibre point in nm and nrad, see [`Chain::true_pose`].
+    pub fn true_pose(&self) -> [f64; AXES] {
+        self.chain.true_pose(self.actuators())
+    }
+}
