@@ -65,7 +65,7 @@ fn rows<const C: usize>(
 
 fn motor(axis: Axis, drive: &Drive) -> Result<MotorData, Refusal> {
     let field = |name: &'static str| move || format!("axes.{} {name}", axis.name());
-    let step_q16 = rounded(field("step"), drive.step * 65536.0, f64::from(i32::MAX))? as u32;
+    let step_q32 = rounded(field("step"), drive.step * 4_294_967_296.0, 281_474_976_710_655.0)? as u64;
     let end = |value| small(field("travel"), value, f64::from(COORDINATE_LIMIT));
     // A limit is not rounded up; a millionth forgives the binary form of a decimal number.
     let rate = |name, value: f64, bits: i32| {
@@ -83,8 +83,8 @@ fn motor(axis: Axis, drive: &Drive) -> Result<MotorData, Refusal> {
         2f64.powi(20),
     )?;
     Ok(MotorData {
-        step_q16,
-        row_bits: row_bits(step_q16),
+        step_q32,
+        row_bits: row_bits(step_q32),
         backlash_steps: backlash as u32,
         travel_lower: end(drive.travel[0])?,
         travel_upper: end(drive.travel[1])?,
