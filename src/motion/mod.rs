@@ -1,1 +1,14 @@
-//! motion
+//! Motion: jerk-limited profiles of one path parameter, in integers.
+//!
+//! [`plan`] turns a state and a goal into a [`Profile`]; [`profile`] evaluates it once per
+//! segment. Time is counted in whole segments, so nothing is ever rounded in time.
+
+pub mod plan;
+pub mod profile;
+pub mod ramp;
+pub mod roots;
+mod search;
+
+pub use plan::{to_position, to_velocity};
+pub use profile::{Profile, State};
+pub use ramp::{Limits, Unplannable};

@@ -1,0 +1,207 @@
+//! The cruise velocity of a move that starts in motion.
+
+use super::plan::lead_in;
+use super::ramp::{Path, Point, Rates, div_up, segments};
+
+/// Bisection steps for the cruise velocity: what they leave is made up by a short cruise.
+const STEPS: u32 = 24;
+
+/// A way to the target, in whole: ramp to `vc`, cruise, ramp to rest.
+#[derive(Clone, Copy)]
+struct Shape {
+    up: [u32; 3],
+    cruise: u32,
+    down: [u32; 3],
+}
+
+impl Shape {
+    fn way(&self, from: Point, vc: i128) -> Option<i128> {
+        Some(
+            from.after_ramp(self.up, vc)?
+                .after(self.cruise, 0)?
+                .after_ramp(self.down, 0)?
+                .s,
+        )
+    }
+
+    fn push(&self, path: &mut Path, vc: i128) -> Option<()> {
+        path.push_ramp(self.up, vc)?;
+        path.push(self.cruise, 0)?;
+        path.push_ramp(self.down, 0)
+    }
+}
+
+/// The shape without cruise, and its way, for a cruise velocity.
+fn shape(from: Point, vc: i128, rates: &Rates) -> Option<(Shape, i128)> {
+    let up = rates.ramp(from.v, from.a, vc)?;
+    let down = rates.symmetric(vc)?;
+    let shape = Shape {
+        up,
+        cruise: 0,
+        down,
+    };
+    Some((shape, shape.way(from, vc)?))
+}
+
+/// The path from its present end to `way`, which lies ahead of where a stop would end.
+pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, depth: u32) -> Option<Path> {
+    let at = path.at;
+    let free = at.v + rates.forced(at.a)?;
+    if depth > 2 {
+        return None;
+    }
+    if at.a < 0 {
+        if free > 0 {
+            let top = free.min(rates.v);
+            if shape(at, top, &rates)?.1 > way {
+                return ease(path, way, &rates);
+            }
+            if free > rates.v {
+                return cruise_at(path, rates.v, way, &rates);
+            }
+        }
+        lead_in(&mut path, &rates)?;
+        return direct(path, way, rates, depth + 1);
+    }
+    if at.a > 0 && free > rates.v {
+        if shape(at, rates.v, &rates)?.1 > way {
+            // The stop from the forced velocity fits only without a detour over the limit.
+            rates.v = free + (free >> 40);
+        }
+        lead_in(&mut path, &rates)?;
+        return direct(path, way, rates, depth + 1);
+    }
+    if at.v > rates.v && shape(at, rates.v, &rates)?.1 > way {
+        rates.v = at.v;
+    }
+    if shape(at, rates.v, &rates)?.1 <= way {
+        return cruise_at(path, rates.v, way, &rates);
+    }
+    let (mut low, mut high) = (free.max(0), rates.v.max(free));
+    for _ in 0..STEPS {
+        let middle = low + (high - low) / 2;
+        let (found, reach) = shape(at, middle, &rates)?;
+        if reach > way {
+            high = middle;
+            continue;
+        }
+        low = middle;
+        let ramps: u32 = found
+            .up
+            .iter()
+            .chain(&found.down)
+            .fold(0, |sum, n| sum.saturating_add(*n));
+        if way - reach <= middle.saturating_mul(1 + i128::from(ramps >> 8)) {
+            break;
+        }
+    }
+    cruise_at(path, low, way, &rates)
+}
+
+/// Fixes the durations for a cruise velocity near `vc` and solves it exactly.
+fn cruise_at(mut path: Path, mut vc: i128, way: i128, rates: &Rates) -> Option<Path> {
+    let at = path.at;
+    if vc <= 0 {
+        return None;
+    }
+    let (mut shape, reach) = shape(at, vc, rates)?;
+    shape.cruise = segments(div_up((way - reach).max(0), vc))?;
+    if shape.up == [0; 3] {
+        shape.up = [1, 0, 1];
+    }
+    for _ in 0..10 {
+        vc = solve(|vc| shape.way(at, vc), vc, way)?;
+        if vc > rates.v.max(at.v) || vc <= 0 {
+            shape.cruise += 1;
+            continue;
+        }
+        let up = rates.relax_signed(at, vc, shape.up)?;
+        let down = rates.relax_signed(Point { s: 0, v: vc, a: 0 }, 0, shape.down)?;
+        if up == shape.up && down == shape.down {
+            shape.push(&mut path, vc)?;
+            return Some(path);
+        }
+        (shape.up, shape.down) = (up, down);
+    }
+    None
+}
+
+/// The argument near `x` at which the affine function `f` is `goal`.
+fn solve(f: impl Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -> Option<i128> {
+    // A step that is large against the rounding of f, small against its range.
+    let step = 1 << 70;
+    let slope = (f(x + step)? - f(x)?) >> 30;
+    if slope <= 0 {
+        return None;
+    }
+    // The slope is known to about 2^-40, every round gains as much.
+    for _ in 0..4 {
+        let error = goal - f(x)?;
+        if error.abs() < slope >> 41 {
+            break;
+        }
+        let shift = error
+            .unsigned_abs()
+            .leading_zeros()
+            .saturating_sub(2)
+            .min(40);
+        x += ((error << shift) / slope) << (40 - shift);
+    }
+    Some(x)
+}
+
+/// Eases the deceleration off for some segments, then stops: for a target between where a stop
+/// ends and where it ends after the acceleration has been zero once.
+fn ease(path: Path, way: i128, rates: &Rates) -> Option<Path> {
+    let at = path.at;
+    let most = segments(at.a.abs() / rates.j)?;
+    let eased = |m: u32| at.after(m, at.a + rates.j * i128::from(m));
+    let stop = |m: u32| -> Option<([u32; 3], i128)> {
+        let point = eased(m)?;
+        let n = rates.ramp(point.v, point.a, 0)?;
+        Some((n, point.after_ramp(n, 0)?.s))
+    };
+    let (mut low, mut high) = (0, most + 1);
+    while high - low > 1 {
+        let middle = low + (high - low) / 2;
+        match stop(middle) {
+            Some((_, reach)) if reach <= way => low = middle,
+            _ => high = middle,
+        }
+    }
+    let (n, _) = stop(low)?;
+    let mut best: Option<Path> = None;
+    for m in low.max(1)..low + 3 {
+        for n1 in n[0].saturating_sub(1)..n[0] + 2 {
+            for n2 in n[1].saturating_sub(2)..n[1] + 2 {
+                for n3 in n[2]..n[2] + 2 {
+                    let time = m + n1 + n2 + n3;
+                    if best.is_some_and(|found| found.time <= path.time + time) {
+                        continue;
+                    }
+                    best = eased_path(path, m, [n1, n2, n3], way, rates).or(best);
+                }
+            }
+        }
+    }
+    best
+}
+
+/// The stop with these durations that ends exactly at `way`, if it keeps the limits.
+fn eased_path(mut path: Path, m: u32, n: [u32; 3], way: i128, rates: &Rates) -> Option<Path> {
+    if n[0] == 0 || n[2] == 0 {
+        return None;
+    }
+    let at = path.at;
+    let a1 = solve(|a1| Some(at.after(m, a1)?.after_ramp(n, 0)?.s), at.a, way)?;
+    let middle = at.after(m, a1)?;
+    if a1 > 0 || (a1 - at.a).abs() > rates.j * i128::from(m) {
+        return None;
+    }
+    if rates.relax_signed(middle, 0, n)? != n {
+        return None;
+    }
+    path.push(m, a1)?;
+    path.push_ramp(n, 0)?;
+    Some(path)
+}
