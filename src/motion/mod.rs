@@ -9,6 +9,11 @@ pub mod ramp;
 pub mod roots;
 mod search;
 
+#[cfg(test)]
+mod reference;
+#[cfg(test)]
+mod tests;
+
 pub use plan::{to_position, to_velocity};
 pub use profile::{Profile, State};
 pub use ramp::{Limits, Unplannable};

@@ -56,6 +56,19 @@ impl Rates {
         })
     }
 
+    /// The limits that matter in whole segments: an acceleration above a change to the largest
+    /// speed within one segment, or a jerk above a change to the largest acceleration, cannot be
+    /// used, and a lead-in at that jerk would break the other limits.
+    pub fn usable(self, from: Point) -> Rates {
+        let a = self.a.min(self.v);
+        let speed = self.v.max(from.v.abs()).max(from.a.abs());
+        Rates {
+            a,
+            j: self.j.min(self.a.max(from.a.abs())).min(speed),
+            ..self
+        }
+    }
+
     /// Velocity change while `a` falls to zero at full jerk: a·|a| / 2J, to 2^-48.
     pub fn forced(&self, a: i128) -> Option<i128> {
         let bits = |x: u128| 128 - x.leading_zeros();
