@@ -78,7 +78,7 @@ fn change(from: Point, v1: i128, rates: &Rates) -> Option<Path> {
             return Some(path);
         }
     }
-    let mut path = settled(from, rates)?;
+    let mut path = settled(from, rates, v_most)?;
     path.push_ramp(rates.symmetric(v1 - path.at.v)?, v1)?;
     Some(path)
 }
@@ -101,20 +101,29 @@ pub(super) fn lead_in(path: &mut Path, rates: &Rates) -> Option<()> {
 }
 
 /// The path that only takes the acceleration to zero: always possible.
-fn settled(from: Point, rates: &Rates) -> Option<Path> {
-    let mut path = Path::new(from);
-    if from.a != 0 {
-        let forced = from.v + rates.forced(from.a)?;
-        if forced.signum() == from.a.signum() {
-            lead_in(&mut path, rates)?;
-        } else {
-            path.push(segments(div_up(from.a.abs(), rates.j))?, 0)?;
-        }
+///
+/// How far the acceleration swings through zero first decides both the extreme of the velocity
+/// and its end; with ramps of a few segments neither full swing nor none need keep the limit.
+fn settled(from: Point, rates: &Rates, v_most: i128) -> Option<Path> {
+    if from.a == 0 {
+        return Some(Path::new(from));
+    }
+    let n = div_up(from.a.abs(), rates.j);
+    let swing = from.a - from.a.signum() * rates.j.checked_mul(n)?;
+    let a_most = rates.a.max(from.a.abs());
+    let mut found = None;
+    for eighths in [0, 4, 8, 6, 7, 5, 2, 3, 1] {
+        let mut path = Path::new(from);
+        path.push(segments(n)?, swing / 8 * eighths)?;
         if path.at.a != 0 {
             path.push(1, 0)?;
         }
+        found = Some(path);
+        if path.keeps(rates, v_most, a_most) && path.at.v.abs() <= v_most {
+            break;
+        }
     }
-    Some(path)
+    found
 }
 
 /// Largest speed a plan from this state may have: the limit, or what the state forces.
