@@ -45,8 +45,8 @@ fn start(state: State) -> Option<Point> {
 }
 
 fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
-    let rates = Rates::of(limits)?;
     let from = start(state)?;
+    let rates = Rates::of(limits)?.usable(from);
     let v1 = v1.clamp(-limits.velocity, limits.velocity);
     let mut path = change(from, i128::from(v1) << FROM_Q60, &rates)?;
     let way = (path.at.s + (1 << (FROM_Q60 - 1))) >> FROM_Q60;
@@ -70,21 +70,22 @@ fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
 
 /// The path of a velocity change.
 fn change(from: Point, v1: i128, rates: &Rates) -> Option<Path> {
-    let quick = quick_change(from, v1, rates);
     let v_most = most(from, rates)?;
     let a_most = rates.a.max(from.a.abs());
-    if let Some(path) = quick.filter(|path| path.keeps(rates, v_most, a_most)) {
-        return Some(path);
+    for lead in [false, true] {
+        let quick = quick_change(from, v1, rates, lead);
+        if let Some(path) = quick.filter(|path| path.keeps(rates, v_most, a_most)) {
+            return Some(path);
+        }
     }
-    let mut path = settled(from, rates)?;
+    let mut path = settled(from, rates, v_most)?;
     path.push_ramp(rates.symmetric(v1 - path.at.v)?, v1)?;
     Some(path)
 }
 
-fn quick_change(from: Point, v1: i128, rates: &Rates) -> Option<Path> {
+fn quick_change(from: Point, v1: i128, rates: &Rates, lead: bool) -> Option<Path> {
     let mut path = Path::new(from);
-    let beyond = v1 - from.v - rates.forced(from.a)?;
-    if from.a != 0 && beyond.signum() != from.a.signum() {
+    if lead {
         lead_in(&mut path, rates)?;
     }
     path.push_ramp(rates.ramp(path.at.v, path.at.a, v1)?, v1)?;
@@ -100,15 +101,29 @@ pub(super) fn lead_in(path: &mut Path, rates: &Rates) -> Option<()> {
 }
 
 /// The path that only takes the acceleration to zero: always possible.
-fn settled(from: Point, rates: &Rates) -> Option<Path> {
-    let mut path = Path::new(from);
-    if from.a != 0 {
-        lead_in(&mut path, rates)?;
+///
+/// How far the acceleration swings through zero first decides both the extreme of the velocity
+/// and its end; with ramps of a few segments neither full swing nor none need keep the limit.
+fn settled(from: Point, rates: &Rates, v_most: i128) -> Option<Path> {
+    if from.a == 0 {
+        return Some(Path::new(from));
+    }
+    let n = div_up(from.a.abs(), rates.j);
+    let swing = from.a - from.a.signum() * rates.j.checked_mul(n)?;
+    let a_most = rates.a.max(from.a.abs());
+    let mut found = None;
+    for eighths in [0, 4, 8, 6, 7, 5, 2, 3, 1] {
+        let mut path = Path::new(from);
+        path.push(segments(n)?, swing / 8 * eighths)?;
         if path.at.a != 0 {
             path.push(1, 0)?;
         }
+        found = Some(path);
+        if path.keeps(rates, v_most, a_most) && path.at.v.abs() <= v_most {
+            break;
+        }
     }
-    Some(path)
+    found
 }
 
 /// Largest speed a plan from this state may have: the limit, or what the state forces.
@@ -120,8 +135,8 @@ fn most(from: Point, rates: &Rates) -> Option<i128> {
 }
 
 fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile> {
-    let rates = Rates::of(limits)?;
     let from = start(state)?;
+    let rates = Rates::of(limits)?.usable(from);
     if target.abs() > FARTHEST {
         return None;
     }
@@ -145,9 +160,11 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
         rest_to_rest(&mut path, rest.abs(), &rates)?;
         return finish(path, sign);
     }
-    let direct = super::search::direct(Path::new(mirrored), sign * way, rates, 0)
-        .filter(|path| path.keeps(&rates, v_most, a_most))
-        .and_then(|path| Some((path.time, finish(path, sign)?)));
+    let direct = [false, true].into_iter().find_map(|lead| {
+        super::search::direct(Path::new(mirrored), sign * way, rates, lead)
+            .filter(|path| path.keeps(&rates, v_most, a_most))
+            .and_then(|path| Some((path.time, finish(path, sign)?)))
+    });
     // Stop, then go: always possible, and the better way when the rest is tiny.
     let mut detour = if sign < 0 { stop.mirrored() } else { stop };
     let detour = rest_to_rest(&mut detour, rest.abs(), &rates)

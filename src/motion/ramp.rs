@@ -19,8 +19,11 @@ pub(super) const LONGEST: i128 = 1 << 31;
 /// Largest magnitude of a position at a phase border, Q60.
 pub(super) const FARTHEST: i64 = 4 << 60;
 
+/// How far a phase may lead beyond its borders: ±4 and this fit a Q60 position.
+const ROOM: i128 = 31 << (BITS - 3);
+
 /// Largest magnitudes along the path.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Path per segment, Q60, 1..=2^60.
     pub velocity: i64,
@@ -54,6 +57,15 @@ impl Rates {
             a: convert(limits.acceleration)?,
             j: convert(limits.jerk)?,
         })
+    }
+
+    /// The limits that matter in whole segments: an acceleration above a change to the largest
+    /// speed within one segment, or a jerk above a change to the largest acceleration, cannot be
+    /// used, and a lead-in at that jerk would break the other limits.
+    pub fn usable(self, from: Point) -> Rates {
+        let speed = self.v.max(from.v.abs()).max(from.a.abs());
+        let a = self.a.min(speed);
+        Rates { a, j: self.j.min(a.max(from.a.abs())), ..self }
     }
 
     /// Velocity change while `a` falls to zero at full jerk: a·|a| / 2J, to 2^-48.
@@ -351,11 +363,20 @@ pub(super) fn cubic(
     let c3 = fits(fits(steep, k)? / (6 * i128::from(n.max(1))), 36)?;
     let terms = [narrow(c1)?, narrow(c2)?, narrow(c3)?];
     let c0 = i64::try_from(i128::from(start) + round(sign * from.s, FROM_Q60)).ok()?;
-    // A monotone phase stays between its borders, any other within the sum of its terms.
-    let size: i64 = terms.iter().map(|term| term.abs()).sum();
-    let monotone =
-        from.v.signum() * from.after(n, a1)?.v.signum() >= 0 && from.a.signum() * a1.signum() >= 0;
-    let inside = c0.abs() <= FARTHEST && (monotone || size < 3 << COEFFICIENT_BITS);
+    // How far a phase can lead beyond its borders: not at all where it is monotone; by less than
+    // v0·n where only the velocity changes its sign.
+    let segments = i128::from(n);
+    let drift = segments.checked_mul(from.v.abs())?;
+    let bend = segments
+        .checked_mul(segments)?
+        .checked_mul(from.a.abs().max(a1.abs()))?
+        / 2;
+    let near = if from.a.signum() * a1.signum() < 0 {
+        drift.checked_add(bend)? < ROOM
+    } else {
+        drift < ROOM || from.v.signum() * from.after(n, a1)?.v.signum() >= 0
+    };
+    let inside = c0.abs() <= FARTHEST && near;
     inside.then_some(Phase {
         end,
         shift: (32 - k) as u8,

@@ -44,40 +44,33 @@ fn shape(from: Point, vc: i128, rates: &Rates) -> Option<(Shape, i128)> {
 }
 
 /// The path from its present end to `way`, which lies ahead of where a stop would end.
-pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, depth: u32) -> Option<Path> {
+///
+/// With `lead` an acceleration that has to change its sign does so at exactly full jerk first:
+/// slower by a segment or so, but the velocity never goes beyond what the state forces.
+pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) -> Option<Path> {
     let at = path.at;
     let free = at.v + rates.forced(at.a)?;
-    if depth > 2 {
-        return None;
+    let slowing = at.a < 0 && free > 0;
+    if slowing && shape(at, free.min(rates.v), &rates)?.1 > way {
+        return ease(path, way, &rates);
     }
-    if at.a < 0 {
-        if free > 0 {
-            let top = free.min(rates.v);
-            if shape(at, top, &rates)?.1 > way {
-                return ease(path, way, &rates);
-            }
-            if free > rates.v {
-                return cruise_at(path, rates.v, way, &rates);
-            }
-        }
+    let full = shape(at, rates.v, &rates)?.1;
+    let too_fast = free.max(at.v) > rates.v;
+    if too_fast && full > way && !slowing {
+        // Braking to the limit first and again to rest would pass the target: the speed that is
+        // forced in any case is kept for the little that remains before the stop.
+        rates.v = free.max(at.v);
+    }
+    let crossing = at.a < 0 && !(slowing && too_fast) || at.a > 0 && too_fast;
+    if lead && crossing {
         lead_in(&mut path, &rates)?;
-        return direct(path, way, rates, depth + 1);
     }
-    if at.a > 0 && free > rates.v {
-        if shape(at, rates.v, &rates)?.1 > way {
-            // The stop from the forced velocity fits only without a detour over the limit.
-            rates.v = free + (free >> 40);
-        }
-        lead_in(&mut path, &rates)?;
-        return direct(path, way, rates, depth + 1);
-    }
-    if at.v > rates.v && shape(at, rates.v, &rates)?.1 > way {
-        rates.v = at.v;
-    }
+    let at = path.at;
     if shape(at, rates.v, &rates)?.1 <= way {
         return cruise_at(path, rates.v, way, &rates);
     }
-    let (mut low, mut high) = (free.max(0), rates.v.max(free));
+    let free = at.v + rates.forced(at.a)?;
+    let (mut low, mut high) = (free.clamp(0, rates.v), rates.v);
     for _ in 0..STEPS {
         let middle = low + (high - low) / 2;
         let (found, reach) = shape(at, middle, &rates)?;
@@ -86,11 +79,11 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, depth: u32) ->
             continue;
         }
         low = middle;
-        let ramps: u32 = found
+        let ramps = found
             .up
             .iter()
             .chain(&found.down)
-            .fold(0, |sum, n| sum.saturating_add(*n));
+            .fold(0, |sum: u32, n| sum.saturating_add(*n));
         if way - reach <= middle.saturating_mul(1 + i128::from(ramps >> 8)) {
             break;
         }
