@@ -26,7 +26,10 @@ impl Levels {
         let level = |bit: u32, before: bool| {
             word & bit != 0 || (before && word & super::pins::reset(bit) == 0)
         };
-        Levels { step: level(line.step, self.step), dir: level(line.dir, self.dir) }
+        Levels {
+            step: level(line.step, self.step),
+            dir: level(line.dir, self.dir),
+        }
     }
 
     /// The step that a rising edge makes at this level of DIR.
@@ -51,7 +54,10 @@ pub struct Played {
 impl Played {
     /// Replays `words` onto the lines of one motor, which begin at the levels `start`.
     pub fn replay(words: &[u32], line: &Line, start: Levels) -> Played {
-        let mut played = Played { levels: start, ..Played::default() };
+        let mut played = Played {
+            levels: start,
+            ..Played::default()
+        };
         for (index, &word) in (0..).zip(words) {
             let before = played.levels;
             let after = before.after(line, word);
@@ -89,7 +95,14 @@ impl Emitter {
         base: u32,
         resume: u32,
     ) -> Emitter {
-        let played = Played::replay(words, line, Levels { step: false, dir: start.dir });
+        let played = Played::replay(
+            words,
+            line,
+            Levels {
+                step: false,
+                dir: start.dir,
+            },
+        );
         // The first word on resuming may be what lowers the line: a low time must follow it.
         let mut next_rise = later(start.next_rise, resume.wrapping_add(line.grid));
         let mut next_turn = start.next_turn;

@@ -1,0 +1,146 @@
+//! The crossing times against exact fractions, and the timing of drivers.
+extern crate std;
+
+use super::decoder::Random;
+use super::{DRIVERS, LONG_RUN};
+use crate::stepgen::crossing::Crossings;
+use crate::stepgen::pins::{DIR_MASK, RESET_STEPS, STEP_MASK};
+use crate::stepgen::segment::{Emitter, clear, place_all};
+use crate::stepgen::timing::{MotorTiming, Timing};
+use crate::units::{AXES, FineSteps, SEGMENT_TICKS};
+
+/// Checks all steps of one segment; answers the largest error times the rate, in 2^-32 step.
+fn check(from: i64, to: i64) -> u128 {
+    let due = (to >> 32) as i32 - (from >> 32) as i32;
+    let distance = u128::from((to - from).unsigned_abs());
+    let before = if due > 0 { !from as u32 } else { from as u32 };
+    let Crossings { first, period } = Crossings::new(from, to, due);
+    let mut worst = 0;
+    for k in 0..due.unsigned_abs() {
+        let time = u128::from(first) + u128::from(period) * u128::from(k);
+        assert!(time < 1 << 32, "outside the segment");
+        // Times in units of 2^-25 tick / distance.
+        let exact = (u128::from(before) + (u128::from(k) << 32)) << 32;
+        assert!(time * distance <= exact, "late");
+        let error = exact - time * distance;
+        assert!(error < distance << 7, "early by 2^-18 tick");
+        worst = worst.max(error >> 32);
+    }
+    worst
+}
+
+#[test]
+fn crossings_are_never_late_and_early_by_less_than_a_millionth_of_a_step() {
+    let random = &mut Random(20);
+    let fastest = (499_000u64 << 39) / 1_000_000;
+    let mut worst = 0;
+    for _ in 0..LONG_RUN {
+        let slow = random.below(39);
+        let advance = match random.below(4) {
+            0 => random.below(fastest + 1),
+            1 => fastest - random.below(1000),
+            _ => random.below(fastest + 1) >> slow,
+        } as i64;
+        let from = match random.below(3) {
+            0 => (random.next() as i64 >> 8) & -(1 << 32),
+            1 => -((random.next() >> 50) as i64),
+            _ => random.next() as i64 >> 8,
+        };
+        let to = if random.below(2) == 0 {
+            from + advance
+        } else {
+            from - advance
+        };
+        if to >> 32 != from >> 32 {
+            let error = check(from, to);
+            // A lone step's error counts at the fastest rate, whatever its own.
+            worst = worst.max(error);
+        }
+    }
+    // 1e-6 step: why a rate limit of whole steps per second is kept to the letter.
+    assert!(worst < (1u128 << 32) / 1_000_000, "{worst}");
+}
+
+#[test]
+fn the_shortest_ways_over_a_step_are_in_time() {
+    for length in 1..2_000i64 {
+        for offset in 0..length.min(40) {
+            for whole in [-5i64 << 32, 0, 7 << 32] {
+                check(whole - 1 - offset, whole - 1 - offset + length);
+                check(whole + offset, whole + offset - length);
+            }
+        }
+    }
+}
+
+#[test]
+fn timing_covers_what_drivers_ask_for() {
+    let grids = DRIVERS.map(|asks| Timing::new([asks; AXES]).unwrap().grid());
+    assert_eq!(grids, [1, 1, 2, 4, 8, 32]);
+    let timing = Timing::new([MotorTiming::default(); AXES]).unwrap();
+    assert_eq!(timing, Timing::default());
+    assert_eq!(
+        (timing.setup_ticks(), timing.hold_ticks()),
+        ([3; AXES], [3; AXES])
+    );
+    assert_eq!(timing.max_step_rate(), 499_000);
+    let mut mixed = [MotorTiming::default(); AXES];
+    mixed[4].low_ns = 3_001;
+    assert_eq!(Timing::new(mixed).unwrap().grid(), 4);
+    assert_eq!(Timing::new(mixed).unwrap().hold_ticks(), [4; AXES]);
+    for wrong in [32_001, 1_000_000, u32::MAX] {
+        mixed[4].low_ns = wrong;
+        assert_eq!(Timing::new(mixed), None);
+    }
+    mixed[4] = MotorTiming {
+        setup_ns: 128_001,
+        ..MotorTiming::default()
+    };
+    assert_eq!(Timing::new(mixed), None);
+}
+
+#[test]
+fn a_cleared_segment_lowers_all_steps_on_the_grid_and_nothing_else() {
+    for asks in DRIVERS {
+        let timing = Timing::new([asks; AXES]).unwrap();
+        let mut words = [0x1234_5678; SEGMENT_TICKS];
+        clear(&mut words, &timing);
+        for (tick, word) in words.into_iter().enumerate() {
+            let on_grid = tick % timing.grid() as usize == 0;
+            assert_eq!(word, if on_grid { RESET_STEPS } else { 0 });
+        }
+    }
+}
+
+#[test]
+fn six_motors_share_the_words_without_disturbing_each_other() {
+    let random = &mut Random(21);
+    let timing = Timing::default();
+    let mut together = [Emitter::default(); AXES];
+    let mut alone = together;
+    let mut from = FineSteps::default();
+    for segment in 0..LONG_RUN / 50 {
+        let base = segment * SEGMENT_TICKS as u32;
+        let to = FineSteps(from.0.map(|m| m + (random.next() as i64 >> 26)));
+        let mut words = [0; SEGMENT_TICKS];
+        place_all(&mut together, &from, &to, base, &timing, &mut words);
+        let mut union = [0; SEGMENT_TICKS];
+        for (motor, emitter) in alone.iter_mut().enumerate() {
+            let mut own = [0; SEGMENT_TICKS];
+            clear(&mut own, &timing);
+            let (from, to) = (from.0[motor], to.0[motor]);
+            emitter.place(&timing.lines()[motor], from, to, base, &mut own);
+            for (all, own) in union.iter_mut().zip(own) {
+                *all |= own;
+            }
+        }
+        assert_eq!(words, union);
+        assert!(
+            words
+                .iter()
+                .all(|word| word & !(RESET_STEPS | STEP_MASK | DIR_MASK * 0x1_0001) == 0)
+        );
+        from = to;
+    }
+    assert_eq!(together, alone);
+}
