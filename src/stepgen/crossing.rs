@@ -42,6 +42,31 @@ impl Crossings {
             several(before, distance)
         }
     }
+
+    /// Calls `put` with the time of each of the `count` steps; answers the time of the last.
+    #[inline(always)]
+    pub(super) fn each(self, count: u32, mut put: impl FnMut(u32)) -> u32 {
+        let mut time = self.first;
+        let mut step = || {
+            put(time);
+            time = time.wrapping_add(self.period);
+        };
+        // By fours: the loop would cost half as much as a step.
+        if count & 1 != 0 {
+            step();
+        }
+        if count & 2 != 0 {
+            step();
+            step();
+        }
+        for _ in 0..count >> 2 {
+            step();
+            step();
+            step();
+            step();
+        }
+        time.wrapping_sub(self.period)
+    }
 }
 
 /// One step: `before / distance` of a segment, with `before < distance < 2^33`.

@@ -6,7 +6,6 @@
 mod crossing;
 pub mod pins;
 pub mod played;
-mod rest;
 pub mod segment;
 pub mod timing;
 

@@ -11,9 +11,10 @@
 //! # Waiting
 //! A step for which there is no legal tick (the motor has just turned: DIR hold and set-up) goes out at
 //! the first legal one, also across the border, in order. Steps of opposite sense that meet while
-//! waiting cancel. At most one step waits as long as a motor that turns makes no more than one
-//! step within its hold and set-up time, which any finite acceleration sees to; beyond that more
-//! steps wait, and none is lost.
+//! waiting cancel. At most one step waits if a motor, around its first step the other way, makes no
+//! more than one within its hold and set-up time, which any sane acceleration sees to: it
+//! turns at rest. Beyond that more steps wait, and none is lost. DIR changes in the segment that owes
+//! the first step, not at the turn itself: a motor that dithers within a step toggles nothing.
 //!
 //! # Limitations
 //! The clock of ticks wraps. It may jump ahead between segments by less than 2^30 ticks, never back.
@@ -27,9 +28,6 @@ use crate::units::{AXES, FineSteps, SEGMENT_TICKS};
 
 /// The BSRR words of one segment, one per tick.
 pub type Words = [u32; SEGMENT_TICKS];
-
-/// Ticks in a segment.
-const TICKS: u32 = SEGMENT_TICKS as u32;
 
 // Times in Q7.25 rely on it.
 const _: () = assert!(SEGMENT_TICKS == 128);
@@ -102,38 +100,26 @@ impl Emitter {
             return;
         }
         let crossings = Crossings::new(from, to, due);
-        let Crossings { first, period } = crossings;
         let ready = self.next_rise.wrapping_sub(base) as i32;
         if self.waiting != 0
             || self.dir == ((due < 0) != line.inverted)
-            || period < line.gap() << 25
-            || (line.on_grid(first >> 25) as i32) < ready
+            || crossings.period < line.gap() << 25
+            || (line.on_grid(crossings.first >> 25) as i32) < ready
         {
             return self.detour(line, crossings, due, base, words);
         }
-        let count = due.unsigned_abs();
-        let mut time = first;
-        let mut step = || {
-            if let Some(word) = words.get_mut(line.on_grid(time >> 25) as usize) {
+        let mut put = |tick: u32| {
+            if let Some(word) = words.get_mut(tick as usize) {
                 *word |= line.step;
             }
-            time = time.wrapping_add(period);
         };
-        // By fours: half of the work per step would be the loop.
-        if count & 1 != 0 {
-            step();
-        }
-        if count & 2 != 0 {
-            step();
-            step();
-        }
-        for _ in 0..count >> 2 {
-            step();
-            step();
-            step();
-            step();
-        }
-        let last = base.wrapping_add(line.on_grid(time.wrapping_sub(period) >> 25));
+        // The usual grid of one tick saves an instruction per step.
+        let last = if line.grid == 1 {
+            crossings.each(due.unsigned_abs(), |time| put(time >> 25))
+        } else {
+            crossings.each(due.unsigned_abs(), |time| put(line.on_grid(time >> 25)))
+        };
+        let last = base.wrapping_add(line.on_grid(last >> 25));
         self.emitted = self.emitted.wrapping_add(due);
         self.next_rise = last.wrapping_add(line.gap());
         self.next_turn = last.wrapping_add(line.hold);
@@ -253,7 +239,3 @@ pub fn place_all(
         emitter.place(line, from, to, base, words);
     }
 }
-
-/// The tick, relative to the segment, by which DIR has to be settled is never beyond `u32`: set-up
-/// and hold are at most one segment each.
-const _: () = assert!(TICKS < 1 << 16);

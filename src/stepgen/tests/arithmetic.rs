@@ -138,7 +138,7 @@ fn six_motors_share_the_words_without_disturbing_each_other() {
         assert!(
             words
                 .iter()
-                .all(|word| word & !(RESET_STEPS | STEP_MASK | DIR_MASK * 0x1_0001) == 0)
+                .all(|word| word & !(RESET_STEPS | STEP_MASK | (DIR_MASK * 0x1_0001)) == 0)
         );
         from = to;
     }
