@@ -82,11 +82,7 @@ impl Token {
         let mut bytes = [0; 24];
         let mut len = 0;
         for (to, from) in bytes.iter_mut().zip(text) {
-            *to = if matches!(from, b' '..=b'~' if *from != b'"') {
-                *from
-            } else {
-                b'?'
-            };
+            *to = if matches!(from, b' '..=b'~' if *from != b'"') { *from } else { b'?' };
             len += 1;
         }
         Token { bytes, len }
@@ -110,34 +106,22 @@ pub struct Error {
 impl Error {
     /// An error that names a fixed text.
     pub const fn text(number: ErrorNumber, text: &'static str) -> Self {
-        Error {
-            number,
-            detail: Detail::Text(text),
-        }
+        Error { number, detail: Detail::Text(text) }
     }
 
     /// An error that names an axis.
     pub const fn axis(number: ErrorNumber, axis: Axis) -> Self {
-        Error {
-            number,
-            detail: Detail::Axis(axis),
-        }
+        Error { number, detail: Detail::Axis(axis) }
     }
 
     /// An error that names the offending part of the message.
     pub fn token(number: ErrorNumber, text: &[u8]) -> Self {
-        Error {
-            number,
-            detail: Detail::Token(Token::new(text)),
-        }
+        Error { number, detail: Detail::Token(Token::new(text)) }
     }
 }
 
 impl From<ErrorNumber> for Error {
     fn from(number: ErrorNumber) -> Self {
-        Error {
-            number,
-            detail: Detail::None,
-        }
+        Error { number, detail: Detail::None }
     }
 }

@@ -115,11 +115,7 @@ pub fn uncalibrated(axis: Axis, step_q32: u64) -> MotorData {
 
 /// Step size while nothing else is known, Q32: 50 nm or 4 urad.
 pub fn default_step_q32(axis: Axis) -> u64 {
-    if axis.is_rotary() {
-        4_000 << 32
-    } else {
-        50 << 32
-    }
+    if axis.is_rotary() { 4_000 << 32 } else { 50 << 32 }
 }
 
 /// Whole units of a Q32 step count.
@@ -168,18 +164,14 @@ impl AxisSettings {
         if self.backlash.mode == BacklashMode::Off || self.backlash.distance == 0 {
             return Rates::default();
         }
-        let share =
-            (u128::from(self.backlash.velocity) << 10).div_ceil(u128::from(motor.velocity.max(1)));
+        let share = (u128::from(self.backlash.velocity) << 10).div_ceil(u128::from(motor.velocity.max(1)));
         motor_rates(motor).share(share.clamp(1, 1024 / u128::from(TAKE_UP_SHARE_MAX)) as u32)
     }
 
     /// Configuration of the motor's play in the generator.
     pub fn play(&self, motor: &MotorData, switches: Switches) -> PlayConfig {
         let width = self.backlash_steps(motor);
-        let overlay = match (
-            switches.compensation && switches.backlash,
-            self.backlash.mode,
-        ) {
+        let overlay = match (switches.compensation && switches.backlash, self.backlash.mode) {
             (false, _) | (_, BacklashMode::Off) => Overlay::Frozen,
             (true, BacklashMode::Reversal) => Overlay::Follow,
             (true, BacklashMode::UniPositive) => Overlay::Fixed(Flank::Positive),
@@ -202,12 +194,7 @@ impl AxisSettings {
 
 /// Limits of a motor, steps per segment^k.
 pub fn motor_rates(motor: &MotorData) -> Rates {
-    Rates::per_segment(
-        motor.velocity,
-        motor.acceleration,
-        motor.jerk,
-        motor.step_q32,
-    )
+    Rates::per_segment(motor.velocity, motor.acceleration, motor.jerk, motor.step_q32)
 }
 
 impl Settings {

@@ -22,9 +22,7 @@ fn calibrate(machine: &Path, block: &Path, more: &[&str]) -> Output {
 }
 
 fn shipped(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("machines")
-        .join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("machines").join(name)
 }
 
 /// The paper's machine with one change, written to a file.
@@ -44,29 +42,15 @@ fn a_machine_file_becomes_a_block_that_the_controller_accepts() {
     let calibration = Calibration::decode(&std::fs::read(&block).unwrap()).unwrap();
     assert_eq!(&calibration.name[..11], b"long-lever\0");
     let text = String::from_utf8(done.stdout).unwrap();
-    assert!(
-        text.contains("orientation residual") && text.contains("CRC-32"),
-        "{text}"
-    );
+    assert!(text.contains("orientation residual") && text.contains("CRC-32"), "{text}");
 }
 
 #[test]
 fn the_built_in_machine_needs_no_file() {
     let (built_in, file) = (output("built-in.cal"), output("paper.cal"));
-    assert!(
-        calibrate(Path::new("paper"), &built_in, &[])
-            .status
-            .success()
-    );
-    assert!(
-        calibrate(&shipped("paper.toml"), &file, &[])
-            .status
-            .success()
-    );
-    assert_eq!(
-        std::fs::read(built_in).unwrap(),
-        std::fs::read(file).unwrap()
-    );
+    assert!(calibrate(Path::new("paper"), &built_in, &[]).status.success());
+    assert!(calibrate(&shipped("paper.toml"), &file, &[]).status.success());
+    assert_eq!(std::fs::read(built_in).unwrap(), std::fs::read(file).unwrap());
 }
 
 #[test]
@@ -82,10 +66,7 @@ fn the_report_is_json_on_demand() {
 fn a_refusal_ends_with_status_2_names_the_reason_and_writes_no_block() {
     let carried = changed("carried.toml", r#""Y", "gamma""#, r#""gamma", "Y""#);
     let mistaken = changed("mistaken.toml", "step_nm = 50", "step_nm = 0.5");
-    for (machine, reason) in [
-        (carried, "Y is carried by gamma"),
-        (mistaken, "axes.X.step_nm = 0.5"),
-    ] {
+    for (machine, reason) in [(carried, "Y is carried by gamma"), (mistaken, "axes.X.step_nm = 0.5")] {
         let block = output("refused.cal");
         let done = calibrate(&machine, &block, &[]);
         assert_eq!(done.status.code(), Some(2), "{done:?}");
@@ -99,9 +80,5 @@ fn a_refusal_ends_with_status_2_names_the_reason_and_writes_no_block() {
 fn a_file_that_cannot_be_read_ends_with_status_1_and_its_name() {
     let done = calibrate(Path::new("no-such-machine.toml"), &output("none.cal"), &[]);
     assert_eq!(done.status.code(), Some(1));
-    assert!(
-        String::from_utf8(done.stderr)
-            .unwrap()
-            .contains("no-such-machine.toml")
-    );
+    assert!(String::from_utf8(done.stderr).unwrap().contains("no-such-machine.toml"));
 }

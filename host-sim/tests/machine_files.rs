@@ -15,27 +15,14 @@ fn refusal(from: &str, to: &str) -> String {
 }
 
 fn names(message: &str, key: &str, value: &str) {
-    assert!(
-        message.contains(key) && message.contains(value),
-        "{message}"
-    );
+    assert!(message.contains(key) && message.contains(value), "{message}");
 }
 
 #[test]
 fn the_paper_machine_is_read_in_nanometres_and_nanoradians() {
     let machine = Machine::paper();
     assert_eq!(machine.name, "paper");
-    assert_eq!(
-        machine.order,
-        [
-            Axis::Z,
-            Axis::X,
-            Axis::Y,
-            Axis::Gamma,
-            Axis::Beta,
-            Axis::Alpha
-        ]
-    );
+    assert_eq!(machine.order, [Axis::Z, Axis::X, Axis::Y, Axis::Gamma, Axis::Beta, Axis::Alpha]);
     assert_eq!(machine.fibre_point_nm, [875e3, 100e3, 500e3]);
     assert_eq!(machine.drives[0].travel, [-5e6, 5e6]);
     assert_eq!(machine.drives[0].velocity, 2e6);
@@ -61,100 +48,40 @@ fn absent_static_errors_and_offsets_are_zero() {
 
 #[test]
 fn an_unknown_key_is_named_with_its_value() {
-    names(
-        &refusal("S_ZX = 5.0e-05", "S_YX = 7.0e-05"),
-        "S_YX",
-        "7.0e-05",
-    );
+    names(&refusal("S_ZX = 5.0e-05", "S_YX = 7.0e-05"), "S_YX", "7.0e-05");
     names(&refusal("step_nm = 50", "step_um = 50"), "step_um", "50");
-    names(
-        &refusal("[axes.gamma]", "[axes.delta]"),
-        "delta",
-        "expected",
-    );
-    names(
-        &refusal("[axis_offset_um]", "[axis_offset_um]\ndelta = [1.5, 0, 0]"),
-        "delta",
-        "1.5",
-    );
+    names(&refusal("[axes.gamma]", "[axes.delta]"), "delta", "expected");
+    names(&refusal("[axis_offset_um]", "[axis_offset_um]\ndelta = [1.5, 0, 0]"), "delta", "1.5");
 }
 
 #[test]
 fn a_missing_key_is_named() {
-    names(
-        &refusal("max_jerk_deg_s3 = 400.0", ""),
-        "max_jerk_deg_s3",
-        "missing",
-    );
+    names(&refusal("max_jerk_deg_s3 = 400.0", ""), "max_jerk_deg_s3", "missing");
     names(&refusal("name = \"paper\"", ""), "name", "missing");
 }
 
 #[test]
 fn a_value_of_the_wrong_kind_is_shown() {
-    names(
-        &refusal("backlash_nm = 300", "backlash_nm = \"much\""),
-        "backlash_nm",
-        "much",
-    );
-    names(
-        &refusal("[-5000.0, 5000.0]", "[-5000.0]"),
-        "travel_um",
-        "-5000.0",
-    );
+    names(&refusal("backlash_nm = 300", "backlash_nm = \"much\""), "backlash_nm", "much");
+    names(&refusal("[-5000.0, 5000.0]", "[-5000.0]"), "travel_um", "-5000.0");
 }
 
 #[test]
 fn values_that_no_stage_can_have_are_refused_by_key_and_value() {
-    names(
-        &refusal("step_nm = 50", "step_nm = 1.9"),
-        "axes.X.step_nm",
-        "1.9",
-    );
-    names(
-        &refusal("step_nrad = 4000", "step_nrad = -4000"),
-        "axes.alpha.step_nrad",
-        "-4000",
-    );
-    names(
-        &refusal("step_nrad = 4000", "step_nrad = 32768"),
-        "axes.alpha.step_nrad",
-        "32768",
-    );
-    names(
-        &refusal("backlash_nm = 300", "backlash_nm = -1"),
-        "axes.X.backlash_nm",
-        "-1",
-    );
-    names(
-        &refusal("[-5000.0, 5000.0]", "[5000.0, -5000.0]"),
-        "axes.X.travel_um",
-        "[5000, -5000]",
-    );
-    names(
-        &refusal("max_jerk_um_s3 = 400000.0", "max_jerk_um_s3 = 0.0"),
-        "axes.X.max_jerk_um_s3",
-        "0",
-    );
+    names(&refusal("step_nm = 50", "step_nm = 1.9"), "axes.X.step_nm", "1.9");
+    names(&refusal("step_nrad = 4000", "step_nrad = -4000"), "axes.alpha.step_nrad", "-4000");
+    names(&refusal("step_nrad = 4000", "step_nrad = 32768"), "axes.alpha.step_nrad", "32768");
+    names(&refusal("backlash_nm = 300", "backlash_nm = -1"), "axes.X.backlash_nm", "-1");
+    names(&refusal("[-5000.0, 5000.0]", "[5000.0, -5000.0]"), "axes.X.travel_um", "[5000, -5000]");
+    names(&refusal("max_jerk_um_s3 = 400000.0", "max_jerk_um_s3 = 0.0"), "axes.X.max_jerk_um_s3", "0");
     names(
         &refusal("max_velocity_deg_s = 2.0", "max_velocity_deg_s = nan"),
         "axes.alpha.max_velocity_deg_s",
         "NaN",
     );
-    names(
-        &refusal("S_ZY = 5.0e-05", "S_ZY = 0.5"),
-        "static_rad.S_ZY",
-        "0.5",
-    );
-    names(
-        &refusal("S_ZY = 5.0e-05", "S_ZY = nan"),
-        "static_rad.S_ZY",
-        "NaN",
-    );
-    names(
-        &refusal("[875.0, 100.0, 500.0]", "[875.0, inf, 500.0]"),
-        "fibre_point_um",
-        "inf",
-    );
+    names(&refusal("S_ZY = 5.0e-05", "S_ZY = 0.5"), "static_rad.S_ZY", "0.5");
+    names(&refusal("S_ZY = 5.0e-05", "S_ZY = nan"), "static_rad.S_ZY", "NaN");
+    names(&refusal("[875.0, 100.0, 500.0]", "[875.0, inf, 500.0]"), "fibre_point_um", "inf");
 }
 
 #[test]
@@ -162,36 +89,19 @@ fn a_step_rate_beyond_the_pulse_timing_is_refused_with_the_axis_and_the_rate() {
     let message = refusal("max_velocity_um_s = 2000.0", "max_velocity_um_s = 24950.1");
     names(&message, "axes.X.max_velocity_um_s", "24950.1");
     names(&message, "499002 steps/s", "499000");
-    Machine::parse(&PAPER.replacen(
-        "max_velocity_um_s = 2000.0",
-        "max_velocity_um_s = 24950.0",
-        1,
-    ))
-    .unwrap();
+    Machine::parse(&PAPER.replacen("max_velocity_um_s = 2000.0", "max_velocity_um_s = 24950.0", 1)).unwrap();
 }
 
 #[test]
 fn an_order_that_is_no_permutation_is_refused() {
-    names(
-        &refusal("\"Z\", \"X\"", "\"Z\", \"Z\""),
-        "order",
-        "Z is named twice",
-    );
+    names(&refusal("\"Z\", \"X\"", "\"Z\", \"Z\""), "order", "Z is named twice");
     names(&refusal("\"Z\", \"X\"", "\"Z\", \"W\""), "order", "\"W\"");
     names(&refusal("\"Z\", \"X\"", "\"Z\""), "order", "all six");
 }
 
 #[test]
 fn a_name_beyond_sixteen_characters_or_ascii_is_refused() {
-    names(
-        &refusal("name = \"paper\"", "name = \"seventeen letters\""),
-        "name",
-        "seventeen letters",
-    );
-    names(
-        &refusal("name = \"paper\"", "name = \"µ-stage\""),
-        "name",
-        "µ-stage",
-    );
+    names(&refusal("name = \"paper\"", "name = \"seventeen letters\""), "name", "seventeen letters");
+    names(&refusal("name = \"paper\"", "name = \"µ-stage\""), "name", "µ-stage");
     names(&refusal("name = \"paper\"", "name = \"\""), "name", "\"\"");
 }

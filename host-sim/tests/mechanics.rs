@@ -24,11 +24,7 @@ fn paper() -> Mechanics {
 
 /// Steps of one motor, each followed by a low tick, after the DIR line is set.
 fn steps(motor: usize, count: i32) -> Vec<u32> {
-    let direction = if count > 0 {
-        dir(motor)
-    } else {
-        dir(motor) << 16
-    };
+    let direction = if count > 0 { dir(motor) } else { dir(motor) << 16 };
     let mut words = vec![direction];
     for _ in 0..count.abs() {
         words.extend([rest() | step(motor), rest()]);
@@ -123,19 +119,12 @@ impl Plain {
 fn words() -> impl Strategy<Value = Vec<u32>> {
     let word = prop_oneof![6 => Just(0), 6 => Just(rest()), 3 => any::<u32>(),
         2 => (0..AXES).prop_map(|m| rest() | step(m)), 1 => (0..AXES).prop_map(|m| dir(m) << 16)];
-    let quiet = prop::collection::vec(
-        prop_oneof![Just(0), Just(rest()), Just(dir(2) << 16)],
-        0..60,
-    );
-    let run = (prop::collection::vec(word, 0..60), quiet, 0..3u32).prop_map(
-        |(mut busy, quiet, dense)| {
-            busy.extend(quiet);
-            busy.extend(
-                (0..dense * 600).flat_map(|_| [rest() | step(0) | step(5) | step(3), rest()]),
-            );
-            busy
-        },
-    );
+    let quiet = prop::collection::vec(prop_oneof![Just(0), Just(rest()), Just(dir(2) << 16)], 0..60);
+    let run = (prop::collection::vec(word, 0..60), quiet, 0..3u32).prop_map(|(mut busy, quiet, dense)| {
+        busy.extend(quiet);
+        busy.extend((0..dense * 600).flat_map(|_| [rest() | step(0) | step(5) | step(3), rest()]));
+        busy
+    });
     prop::collection::vec(run, 1..5).prop_map(|runs| runs.concat())
 }
 
@@ -160,14 +149,7 @@ proptest! {
 }
 
 fn timing(high: u64, low: u64, setup: u64, hold: u64) -> Timing {
-    Timing::new(
-        [Limits {
-            high,
-            low,
-            setup,
-            hold,
-        }; AXES],
-    )
+    Timing::new([Limits { high, low, setup, hold }; AXES])
 }
 
 #[test]
@@ -175,12 +157,7 @@ fn pulses_that_keep_the_minimum_times_are_not_reported() {
     let mut checker = timing(1, 1, 1, 2);
     checker.feed(&steps(2, 5));
     checker.feed(&steps(2, -5));
-    assert!(
-        checker
-            .violations()
-            .iter()
-            .all(|violations| violations.total() == 0)
-    );
+    assert!(checker.violations().iter().all(|violations| violations.total() == 0));
 }
 
 #[test]
@@ -215,21 +192,10 @@ fn a_line_high_from_the_start_of_a_pulse_is_measured_across_calls() {
 fn feeding_takes_a_small_part_of_real_time() {
     let busy = |period: usize| -> Vec<u32> {
         let all: u32 = (0..AXES).map(step).sum();
-        (0..128)
-            .map(|tick| {
-                if tick % period == 0 {
-                    rest() | all
-                } else {
-                    rest()
-                }
-            })
-            .collect()
+        (0..128).map(|tick| if tick % period == 0 { rest() | all } else { rest() }).collect()
     };
-    for (name, words) in [
-        ("silent", vec![rest(); 128]),
-        ("6 x 15.6 k/s", busy(64)),
-        ("6 x 500 k/s", busy(2)),
-    ] {
+    for (name, words) in [("silent", vec![rest(); 128]), ("6 x 15.6 k/s", busy(64)), ("6 x 500 k/s", busy(2))]
+    {
         let mut stage = paper();
         let rounds = 200_000;
         let start = std::time::Instant::now();

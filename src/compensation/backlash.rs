@@ -76,11 +76,7 @@ impl Default for PlayConfig {
 impl PlayConfig {
     /// Overlay in steps that belongs to a flank.
     pub fn overlay_of(&self, flank: Flank) -> i32 {
-        if flank == self.reference {
-            0
-        } else {
-            -self.reference.sign() * self.width
-        }
+        if flank == self.reference { 0 } else { -self.reference.sign() * self.width }
     }
 }
 
@@ -157,9 +153,7 @@ impl Play {
     /// The reversal rule alone: true when the target turned the flank.
     #[inline(always)]
     pub fn turn(&mut self, target: i32, dead_band: i32) -> bool {
-        let ahead = target
-            .wrapping_sub(self.extreme)
-            .wrapping_mul(self.flank.sign());
+        let ahead = target.wrapping_sub(self.extreme).wrapping_mul(self.flank.sign());
         if ahead >= 0 {
             self.extreme = target;
             return false;
@@ -182,12 +176,8 @@ impl Play {
             if !moving || self.overlay == wanted {
                 return i64::from(self.overlay) << 32;
             }
-            self.take_up = TakeUp {
-                from: self.overlay,
-                to: wanted,
-                elapsed: 0,
-                quarter: config.quarter.max(1),
-            };
+            self.take_up =
+                TakeUp { from: self.overlay, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
         }
         self.continue_take_up()
     }
@@ -197,9 +187,7 @@ impl Play {
     #[cold]
     #[inline(never)]
     fn continue_take_up(&mut self) -> i64 {
-        let TakeUp {
-            from, to, quarter, ..
-        } = self.take_up;
+        let TakeUp { from, to, quarter, .. } = self.take_up;
         self.take_up.elapsed += 1;
         let n = self.take_up.elapsed;
         let duration = 4 * quarter;

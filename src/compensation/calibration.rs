@@ -92,9 +92,7 @@ impl Calibration {
         header[6..8].copy_from_slice(&u16::try_from(payload).ok()?.to_le_bytes());
         let end = HEADER + payload;
         let crc = CRC.checksum(block.get(..end)?);
-        block
-            .get_mut(end..end + 4)?
-            .copy_from_slice(&crc.to_le_bytes());
+        block.get_mut(end..end + 4)?.copy_from_slice(&crc.to_le_bytes());
         Some(end + 4)
     }
 
@@ -117,8 +115,8 @@ impl Calibration {
         if usize::from(u16::from_le_bytes([body[6], body[7]])) != body.len() - HEADER {
             return Err(shape("calibration block length"));
         }
-        let (calibration, rest) = postcard::take_from_bytes::<Self>(&body[HEADER..])
-            .map_err(|_| shape("calibration payload"))?;
+        let (calibration, rest) =
+            postcard::take_from_bytes::<Self>(&body[HEADER..]).map_err(|_| shape("calibration payload"))?;
         if !rest.is_empty() {
             return Err(shape("calibration payload length"));
         }
@@ -142,16 +140,12 @@ impl Calibration {
             return shape("calibration axis order");
         }
         let mut rotary = [self.order[5], self.order[4], self.order[3]].into_iter();
-        if self
-            .screws
-            .iter()
-            .any(|screw| Some(screw.axis) != rotary.next())
-        {
+        if self.screws.iter().any(|screw| Some(screw.axis) != rotary.next()) {
             return shape("calibration screw order");
         }
         for motor in &self.motors {
-            let step_ok = (2 << 16..1 << 31).contains(&motor.step_q16)
-                && motor.row_bits == row_bits(motor.step_q16);
+            let step_ok =
+                (STEP_MIN..STEP_END).contains(&motor.step_q32) && motor.row_bits == row_bits(motor.step_q32);
             let travel_ok = motor.travel_lower < motor.travel_upper
                 && motor.travel_lower >= -COORDINATE_LIMIT
                 && motor.travel_upper <= COORDINATE_LIMIT;
@@ -162,14 +156,10 @@ impl Calibration {
                 return shape("calibration motor data");
             }
         }
-        let small =
-            |values: &[i32], limit: i32| values.iter().all(|v| (-limit..=limit).contains(v));
+        let small = |values: &[i32], limit: i32| values.iter().all(|v| (-limit..=limit).contains(v));
         let rows_ok = self.tilt.iter().all(|row| small(row, 1 << 28))
             && self.second_order.iter().all(|row| small(row, 1 << 28))
-            && self
-                .screws
-                .iter()
-                .all(|s| small(&s.direction, 1 << 30) && small(&s.point, 1 << 30))
+            && self.screws.iter().all(|s| small(&s.direction, 1 << 30) && small(&s.point, 1 << 30))
             && self.home_rotation.iter().all(|row| small(row, 1 << 30))
             && small(&self.home_origin, 1 << 30)
             && small(&self.fibre_point, 1 << 30);

@@ -18,10 +18,6 @@ pub fn row<const N: usize>(coefficients: &[i32; N], coordinates: &[i64; N], bits
         part += i64::from(*c) * i64::from(*u as u32 >> 16);
     }
     let sum = whole.wrapping_add(part >> 16);
-    let fine = if bits >= 32 {
-        sum >> (bits - 32)
-    } else {
-        sum << (32 - bits)
-    };
+    let fine = if bits >= 32 { sum >> (bits - 32) } else { sum << (32 - bits) };
     fine.wrapping_add(HALF)
 }

@@ -23,12 +23,7 @@ pub struct Switches {
 
 impl Default for Switches {
     fn default() -> Self {
-        Switches {
-            compensation: true,
-            coupling: true,
-            pivot: true,
-            backlash: true,
-        }
+        Switches { compensation: true, coupling: true, pivot: true, backlash: true }
     }
 }
 
@@ -61,8 +56,7 @@ impl Law {
     pub fn identity(motors: &[MotorData; AXES]) -> Self {
         let unit = |i: usize| {
             let motor = &motors[i];
-            let doubled =
-                (1u128 << (u32::from(motor.row_bits) + 33)) / u128::from(motor.step_q32.max(1));
+            let doubled = (1u128 << (u32::from(motor.row_bits) + 33)) / u128::from(motor.step_q32.max(1));
             doubled.div_ceil(2).min(i32::MAX as u128) as i32
         };
         let mut slides = [[0; 3]; 3];
@@ -107,16 +101,9 @@ impl Law {
         let u = &pose.0;
         let angles = [u[3], u[4], u[5]];
         if !last.valid || angles != last.angles {
-            *last = Remembered {
-                angles,
-                turned: self.rotation.turn(&angles),
-                valid: true,
-            };
+            *last = Remembered { angles, turned: self.rotation.turn(&angles), valid: true };
         }
-        let Turned {
-            actuator: q,
-            displacement: c,
-        } = last.turned;
+        let Turned { actuator: q, displacement: c } = last.turned;
         let p = [u[0] - c[0], u[1] - c[1], u[2] - c[2]];
         FineSteps([
             row(&self.slides[0], &p, self.bits[0]),
@@ -130,8 +117,7 @@ impl Law {
 
     /// Step counts of a pose at rest.
     pub fn steps(&self, pose: Pose) -> MotorSteps {
-        self.motors(&pose.fine(), &mut Remembered::default())
-            .floor()
+        self.motors(&pose.fine(), &mut Remembered::default()).floor()
     }
 
     /// q_a of a pose: unrounded angles of the rotary stages, nrad in Q32 (alpha, beta, gamma).
@@ -183,15 +169,7 @@ impl Law {
     pub fn second_order_bound(&self) -> u64 {
         let row = |r: &[i32; 6]| r.iter().map(|c| u64::from(c.unsigned_abs())).sum::<u64>();
         // c is per radian times 2^60 / 10^9; 2 q q' doubles it
-        self.rotation
-            .second_order
-            .iter()
-            .map(row)
-            .max()
-            .unwrap_or(0)
-            * 2
-            * (1_000_000_000 >> 9)
-            >> 19
+        self.rotation.second_order.iter().map(row).max().unwrap_or(0) * 2 * (1_000_000_000 >> 9) >> 19
     }
 }
 
@@ -221,12 +199,7 @@ pub fn largest_lever_nm(calibration: &Calibration, pivot: [i32; 3]) -> u64 {
             (w[2] * r[0] - w[0] * r[2]) >> 30,
             (w[0] * r[1] - w[1] * r[0]) >> 30,
         ];
-        across
-            .iter()
-            .map(|a| a.unsigned_abs().pow(2))
-            .sum::<u64>()
-            .isqrt()
-            + 3
+        across.iter().map(|a| a.unsigned_abs().pow(2)).sum::<u64>().isqrt() + 3
     };
     calibration.screws.iter().map(distance).max().unwrap_or(0)
 }

@@ -55,11 +55,7 @@ fn cross(w: &[i32; 3], r: &[i32; 3]) -> [i32; 3] {
     let minor = |a: i32, b: i32, c: i32, d: i32| {
         ((i64::from(a) * i64::from(b) - i64::from(c) * i64::from(d)) >> 30) as i32
     };
-    [
-        minor(w[1], r[2], w[2], r[1]),
-        minor(w[2], r[0], w[0], r[2]),
-        minor(w[0], r[1], w[1], r[0]),
-    ]
+    [minor(w[1], r[2], w[2], r[1]), minor(w[2], r[0], w[0], r[2]), minor(w[0], r[1], w[1], r[0])]
 }
 
 impl Screw {
@@ -120,10 +116,7 @@ impl Rotation {
                 *c = (p - home) << (32 - POSITION_BITS);
             }
         }
-        Turned {
-            actuator,
-            displacement,
-        }
+        Turned { actuator, displacement }
     }
 
     /// q_a = W^-1 a + second-order term.
@@ -139,10 +132,7 @@ impl Rotation {
             mul_high(a[1], a[2]),
         ];
         let mut actuator = *angles;
-        for (q, (tilt, second)) in actuator
-            .iter_mut()
-            .zip(self.tilt.iter().zip(&self.second_order))
-        {
+        for (q, (tilt, second)) in actuator.iter_mut().zip(self.tilt.iter().zip(&self.second_order)) {
             let mut sum = 0i64; // 2^-36 nrad
             for (t, a) in tilt.iter().zip(&a) {
                 sum += i64::from(*t) * i64::from(*a);

@@ -58,11 +58,7 @@ pub mod axis_condition {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Preload {
     /// Away from the wanted flank.
-    Away {
-        axis: Axis,
-        flank: Flank,
-        back: Pose,
-    },
+    Away { axis: Axis, flank: Flank, back: Pose },
     /// Back onto it.
     Back,
 }
@@ -127,10 +123,7 @@ impl Front {
             },
             timing: Timing::default(),
             planner: Planner::at_rest(Pose::default()),
-            report: Report {
-                settled: true,
-                ..Report::default()
-            },
+            report: Report { settled: true, ..Report::default() },
             sequence: 0,
             lead: LEAD,
             orders: heapless::Deque::new(),
@@ -179,10 +172,7 @@ impl Front {
             self.preload = None;
             self.stand_at(report.final_steps);
         }
-        if self
-            .planner
-            .answer(report.answered, report.refused, report.next)
-        {
+        if self.planner.answer(report.answered, report.refused, report.next) {
             self.lead = (self.lead * 2).min(LEAD_MAX);
         }
     }
@@ -197,16 +187,8 @@ impl Front {
         let (orders, sequence, aborts) = (&mut self.orders, &mut self.sequence, self.report.aborts);
         let result = self.planner.plan(&self.capability, segment, |proposal| {
             *sequence = sequence.wrapping_add(1);
-            let action = Action::Run {
-                slot: proposal.slot,
-                track: proposal.track,
-            };
-            let order = Order {
-                sequence: *sequence,
-                segment: Some(proposal.segment),
-                aborts,
-                action,
-            };
+            let action = Action::Run { slot: proposal.slot, track: proposal.track };
+            let order = Order { sequence: *sequence, segment: Some(proposal.segment), aborts, action };
             orders.push_back(order).ok().map(|()| *sequence)
         });
         if let Err(error) = result {
@@ -224,12 +206,7 @@ impl Front {
 
     fn order(&mut self, action: Action) -> Result<(), Error> {
         self.sequence = self.sequence.wrapping_add(1);
-        let order = Order {
-            sequence: self.sequence,
-            segment: None,
-            aborts: self.report.aborts,
-            action,
-        };
+        let order = Order { sequence: self.sequence, segment: None, aborts: self.report.aborts, action };
         self.orders
             .push_back(order)
             .map_err(|_| Error::text(ErrorNumber::Moving, "orders still on their way"))
@@ -350,13 +327,11 @@ impl Front {
     /// Flank of a motor, none while unknown.
     pub fn flank(&self, axis: Axis) -> Option<Flank> {
         let bit = |mask: u8| mask >> axis.index() & 1 != 0;
-        bit(self.report.known).then(|| {
-            if bit(self.report.negative) {
-                Flank::Negative
-            } else {
-                Flank::Positive
-            }
-        })
+        bit(self.report.known).then(
+            || {
+                if bit(self.report.negative) { Flank::Negative } else { Flank::Positive }
+            },
+        )
     }
 
     // ---- motion ----
@@ -385,16 +360,11 @@ impl Front {
     /// # Errors
     /// 108, -222: nothing moves.
     pub fn move_relative(&mut self, axis: Axis, by: i64) -> Result<(), Error> {
-        self.move_axis(
-            axis,
-            i64::from(self.commanded().0[axis.index()]).saturating_add(by),
-        )
+        self.move_axis(axis, i64::from(self.commanded().0[axis.index()]).saturating_add(by))
     }
 
     fn move_axis(&mut self, axis: Axis, to: i64) -> Result<(), Error> {
-        self.capability
-            .limits
-            .check_coordinate(&self.capability.law, axis, to)?;
+        self.capability.limits.check_coordinate(&self.capability.law, axis, to)?;
         let i = axis.index();
         let from = self.commanded();
         let mut target = from;
@@ -402,13 +372,10 @@ impl Front {
         let over = self.legs(from, target)?;
         let alone = !self.planner.is_coordinated(axis);
         match over {
-            None if alone => self
-                .planner
-                .desire(axis, Desire::Position(target.0[i], None)),
+            None if alone => self.planner.desire(axis, Desire::Position(target.0[i], None)),
             // only this motor's own overshoot: its axis can make it alone
             Some(over) if alone && self.planner.is_moving() => {
-                self.planner
-                    .desire(axis, Desire::Position(over.0[i], Some(target.0[i])));
+                self.planner.desire(axis, Desire::Position(over.0[i], Some(target.0[i])));
             }
             Some(over) => self.planner.go(over, Some(target)),
             None => self.planner.go(target, None),
@@ -453,9 +420,7 @@ impl Front {
 
     fn pose_in_range(&self, pose: [i64; AXES]) -> Result<Pose, Error> {
         for (axis, value) in Axis::ALL.into_iter().zip(pose) {
-            self.capability
-                .limits
-                .check_coordinate(&self.capability.law, axis, value)?;
+            self.capability.limits.check_coordinate(&self.capability.law, axis, value)?;
         }
         Ok(Pose(pose.map(|u| u as i32)))
     }
@@ -498,8 +463,7 @@ impl Front {
     /// Steps of a one-directional overshoot: the play and the margin.
     fn clearance(&self, axis: Axis) -> i32 {
         let own = &self.settings.axes[axis.index()];
-        own.backlash_steps(&self.motors()[axis.index()])
-            .saturating_add(own.backlash.margin)
+        own.backlash_steps(&self.motors()[axis.index()]).saturating_add(own.backlash.margin)
     }
 
     /// Constant velocity (nm/s or nrad/s, signed) until a stop, a limit, or another jog; 0 ramps down.
@@ -517,34 +481,18 @@ impl Front {
         }
         let most = self.motors()[i].velocity;
         if velocity.unsigned_abs() > most {
-            let bound = if velocity < 0 {
-                -(most as i64)
-            } else {
-                most as i64
-            };
+            let bound = if velocity < 0 { -(most as i64) } else { most as i64 };
             return Err(Error {
                 number: ErrorNumber::DataOutOfRange,
-                detail: Detail::Limit {
-                    axis,
-                    value: velocity,
-                    bound,
-                    motor: true,
-                },
+                detail: Detail::Limit { axis, value: velocity, bound, motor: true },
             });
         }
         let limit = self.jog_limit(axis, velocity > 0);
         let here = self.planner.rest().rounded().0[i];
-        if (velocity > 0 && limit <= here || velocity < 0 && limit >= here)
-            && !self.planner.is_moving()
-        {
+        if (velocity > 0 && limit <= here || velocity < 0 && limit >= here) && !self.planner.is_moving() {
             return Err(Error {
                 number: ErrorNumber::DataOutOfRange,
-                detail: Detail::Limit {
-                    axis,
-                    value: i64::from(here),
-                    bound: i64::from(limit),
-                    motor: false,
-                },
+                detail: Detail::Limit { axis, value: i64::from(here), bound: i64::from(limit), motor: false },
             });
         }
         if self.planner.is_coordinated(axis) {
@@ -566,19 +514,12 @@ impl Front {
         // a jog of an axis that is not homed has no limits but the arithmetic's
         let mut reaches = |x: i32| {
             rest.0[i] = x;
-            self.capability
-                .law
-                .steps(rest)
-                .0
-                .iter()
-                .zip(&self.capability.limits.0)
-                .enumerate()
-                .all(|(m, (s, l))| {
-                    let at =
-                        settings::steps_to_units(i64::from(*s), self.capability.law.step_q32(m));
-                    !l.homed
-                        || (i64::from(l.travel_lower)..=i64::from(l.travel_upper)).contains(&at)
-                })
+            self.capability.law.steps(rest).0.iter().zip(&self.capability.limits.0).enumerate().all(
+                |(m, (s, l))| {
+                    let at = settings::steps_to_units(i64::from(*s), self.capability.law.step_q32(m));
+                    !l.homed || (i64::from(l.travel_lower)..=i64::from(l.travel_upper)).contains(&at)
+                },
+            )
         };
         if reaches(far) || !reaches(here) {
             return far;
@@ -586,11 +527,7 @@ impl Front {
         let (mut good, mut bad) = (here, far);
         while good.abs_diff(bad) > 1 {
             let middle = good.midpoint(bad);
-            if reaches(middle) {
-                good = middle
-            } else {
-                bad = middle
-            }
+            if reaches(middle) { good = middle } else { bad = middle }
         }
         good
     }
@@ -640,9 +577,7 @@ impl Front {
 
     /// True while a jog of this link runs.
     pub fn has_jog(&self, link: u8) -> bool {
-        Axis::ALL
-            .into_iter()
-            .any(|a| self.jog_links[a.index()] == Some(link) && self.planner.is_jogging(a))
+        Axis::ALL.into_iter().any(|a| self.jog_links[a.index()] == Some(link) && self.planner.is_jogging(a))
     }
 
     /// Speed override, 1 to 100 percent, at once.
@@ -687,21 +622,14 @@ impl Front {
         Ok(())
     }
 
-    fn count_flanks(
-        &self,
-        from: Pose,
-        to: Pose,
-        plays: &mut [Play; AXES],
-        changes: &mut [u32; AXES],
-    ) {
+    fn count_flanks(&self, from: Pose, to: Pose, plays: &mut [Play; AXES], changes: &mut [u32; AXES]) {
         let mut remembered = Remembered::default();
         for k in 1..=DRY_RUN_SAMPLES {
             let mut pose = FinePose::default();
             for (u, (a, b)) in pose.0.iter_mut().zip(from.0.iter().zip(&to.0)) {
                 let (a, b) = (i64::from(*a), i64::from(*b));
                 *u = (a << 32)
-                    + ((((b - a) as i128) << 32) * i128::from(k) / i128::from(DRY_RUN_SAMPLES))
-                        as i64;
+                    + ((((b - a) as i128) << 32) * i128::from(k) / i128::from(DRY_RUN_SAMPLES)) as i64;
             }
             let steps = self.capability.law.motors(&pose, &mut remembered).floor();
             for (i, play) in plays.iter_mut().enumerate() {
@@ -809,9 +737,7 @@ impl Front {
     /// # Errors
     /// 107 with nothing loaded.
     pub fn calibration(&self) -> Result<&Calibration, Error> {
-        self.calibration
-            .as_ref()
-            .ok_or(refuse(ErrorNumber::NoCalibration))
+        self.calibration.as_ref().ok_or(refuse(ErrorNumber::NoCalibration))
     }
 
     /// Switches parts of the compensation; no motor moves.
@@ -826,11 +752,7 @@ impl Front {
             self.standstill()?;
         }
         self.settings.switches = switches;
-        if law_changes {
-            self.change_law()
-        } else {
-            self.refresh_plays()
-        }
+        if law_changes { self.change_law() } else { self.refresh_plays() }
     }
 
     /// Defines a pivot in the fibre array frame, 1/16 nm.
@@ -841,16 +763,10 @@ impl Front {
     pub fn define_pivot(&mut self, number: u8, point: [i32; 3]) -> Result<(), Error> {
         let calibration = self.calibration()?;
         if number == 0 {
-            return Err(Error::text(
-                ErrorNumber::SettingsConflict,
-                "pivot 0 is the calibration's own",
-            ));
+            return Err(Error::text(ErrorNumber::SettingsConflict, "pivot 0 is the calibration's own"));
         }
         if largest_lever_nm(calibration, point) > LEVER_LIMIT_NM {
-            return Err(Error::text(
-                ErrorNumber::DataOutOfRange,
-                "pivot beyond 60 mm from a rotary axis",
-            ));
+            return Err(Error::text(ErrorNumber::DataOutOfRange, "pivot beyond 60 mm from a rotary axis"));
         }
         let in_use = self.pivot == number;
         if in_use {
@@ -869,16 +785,8 @@ impl Front {
     pub fn select_pivot(&mut self, number: u8) -> Result<(), Error> {
         self.calibration()?;
         self.standstill()?;
-        if number != 0
-            && self
-                .pivots
-                .get(usize::from(number))
-                .is_none_or(Option::is_none)
-        {
-            return Err(Error::text(
-                ErrorNumber::SettingsConflict,
-                "pivot not defined",
-            ));
+        if number != 0 && self.pivots.get(usize::from(number)).is_none_or(Option::is_none) {
+            return Err(Error::text(ErrorNumber::SettingsConflict, "pivot not defined"));
         }
         self.pivot = number;
         self.change_law()
@@ -902,11 +810,7 @@ impl Front {
     /// Puts the law in force that calibration, switches and pivot ask for.
     fn change_law(&mut self) -> Result<(), Error> {
         let law = match &self.calibration {
-            Some(calibration) => Law::new(
-                calibration,
-                self.settings.switches,
-                self.pivot_point(calibration),
-            ),
+            Some(calibration) => Law::new(calibration, self.settings.switches, self.pivot_point(calibration)),
             None => Law::identity(&self.motors()),
         };
         self.capability.law = law;
@@ -949,10 +853,8 @@ impl Front {
     /// # Errors
     /// 104 when backlash width, mode or reserve change while moving.
     pub fn set_axes(&mut self, settings: &Settings) -> Result<(), Error> {
-        let reserve = |s: &Settings| {
-            s.axes
-                .map(|a| (a.backlash.mode, a.backlash.distance, a.backlash.velocity))
-        };
+        let reserve =
+            |s: &Settings| s.axes.map(|a| (a.backlash.mode, a.backlash.distance, a.backlash.velocity));
         if reserve(settings) != reserve(&self.settings) {
             self.standstill()?;
         }
@@ -966,10 +868,7 @@ impl Front {
     /// -221 with a calibration loaded, 104 while moving.
     pub fn set_step(&mut self, axis: Axis, step_q32: u64) -> Result<(), Error> {
         if self.calibration.is_some() {
-            return Err(Error::text(
-                ErrorNumber::SettingsConflict,
-                "the calibration gives the step size",
-            ));
+            return Err(Error::text(ErrorNumber::SettingsConflict, "the calibration gives the step size"));
         }
         self.standstill()?;
         let old = self.settings;
@@ -999,9 +898,7 @@ impl Front {
         self.pivot = 0;
         self.pivots = [None; PIVOTS];
         if self.abort == Abort::None {
-            let _ = self
-                .set_pulses(&fresh_pulses(&self.settings, &fresh))
-                .and_then(|()| self.change_law());
+            let _ = self.set_pulses(&fresh_pulses(&self.settings, &fresh)).and_then(|()| self.change_law());
         }
     }
 
@@ -1031,10 +928,7 @@ impl Front {
         let motors = self.motors();
         for (i, motor) in motors.iter().enumerate() {
             let config = self.settings.axes[i].play(motor, self.settings.switches);
-            self.order(Action::Play {
-                motor: i as u8,
-                config,
-            })?;
+            self.order(Action::Play { motor: i as u8, config })?;
         }
         Ok(())
     }
@@ -1047,10 +941,7 @@ impl Front {
         self.enabled = [true; AXES];
         self.uncertain = [false; AXES];
         for motor in 0..AXES as u8 {
-            let _ = self.order(Action::Flank {
-                motor,
-                flank: Some(Flank::Positive),
-            });
+            let _ = self.order(Action::Flank { motor, flank: Some(Flank::Positive) });
         }
         self.refresh();
     }
@@ -1073,16 +964,12 @@ impl Front {
     }
 
     fn continue_preload(&mut self) {
-        let at_rest = !self.planner.is_moving()
-            && self.report.settled
-            && self.report.answered == self.sequence;
+        let at_rest =
+            !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence;
         match self.preload {
             Some(Preload::Away { axis, flank, back }) if at_rest => {
                 // having come this far, it rests on the other flank for certain
-                let known = Action::Flank {
-                    motor: axis.index() as u8,
-                    flank: Some(flank.opposite()),
-                };
+                let known = Action::Flank { motor: axis.index() as u8, flank: Some(flank.opposite()) };
                 if self.order(known).is_ok() {
                     self.planner.go(back, None);
                     self.preload = Some(Preload::Back);
@@ -1126,9 +1013,7 @@ fn fresh_pulses(own: &Settings, fresh: &Settings) -> Settings {
 
 /// Steps per second, rounded up.
 fn step_rate(velocity: u64, step_q32: u64) -> u64 {
-    (u128::from(velocity) << 32)
-        .div_ceil(u128::from(step_q32.max(1)))
-        .min(u128::from(u64::MAX)) as u64
+    (u128::from(velocity) << 32).div_ceil(u128::from(step_q32.max(1))).min(u128::from(u64::MAX)) as u64
 }
 
 /// nm/s to nm per segment in Q44.

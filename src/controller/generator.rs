@@ -100,9 +100,7 @@ impl Generator {
             || self.emitters.iter().any(|e| e.waiting() != 0);
         if busy {
             if self.segment > self.busy_until + 2 {
-                self.emitters
-                    .iter_mut()
-                    .for_each(|e| e.rested(first_tick(self.segment)));
+                self.emitters.iter_mut().for_each(|e| e.rested(first_tick(self.segment)));
             }
             self.step(moving != 0, words);
             self.busy_until = self.segment + 1;
@@ -154,10 +152,7 @@ impl Generator {
     }
 
     fn moving_axes(&self) -> u8 {
-        self.tracks
-            .iter()
-            .flatten()
-            .fold(0, |mask, running| mask | running.track.axes())
+        self.tracks.iter().flatten().fold(0, |mask, running| mask | running.track.axes())
     }
 
     fn take_orders(&mut self, orders: &mut impl Orders) {
@@ -176,16 +171,11 @@ impl Generator {
 
     /// Applies an order; false when the state does not allow it.
     fn apply(&mut self, order: &Order) -> bool {
-        let at_rest =
-            self.tracks.iter().all(Option::is_none) && !self.plays.iter().any(Play::is_taking_up);
+        let at_rest = self.tracks.iter().all(Option::is_none) && !self.plays.iter().any(Play::is_taking_up);
         match order.action {
             Action::Run { slot, track } => match self.tracks.get_mut(usize::from(slot)) {
                 Some(place) => {
-                    *place = Some(Running {
-                        track,
-                        start: self.segment,
-                        cursor: 0,
-                    });
+                    *place = Some(Running { track, start: self.segment, cursor: 0 });
                     true
                 }
                 None => false,
@@ -229,11 +219,7 @@ impl Generator {
             let count = i64::from(steps.0[i]);
             let shift = steps.0[i].wrapping_sub((self.target.0[i] >> 32) as i32);
             self.plays[i].shift(shift);
-            self.target.0[i] = if law.0[i] >> 32 == count {
-                law.0[i]
-            } else {
-                (count << 32) + HALF
-            };
+            self.target.0[i] = if law.0[i] >> 32 == count { law.0[i] } else { (count << 32) + HALF };
             self.motor.0[i] = self.target.0[i] + (i64::from(self.plays[i].overlay()) << 32);
             self.emitters[i].set_count((self.motor.0[i] >> 32) as i32);
         }
@@ -243,27 +229,20 @@ impl Generator {
     /// `words` are the words of that segment. The next segment is generated as the one after `segment`.
     pub fn abort(&mut self, segment: u64, tick: usize, words: &Words) {
         let tick = tick.min(SEGMENT_TICKS);
-        let end = self
-            .start_of(segment + 1)
-            .map_or((self.target, self.motor), |next| (next.target, next.motor));
+        let end =
+            self.start_of(segment + 1).map_or((self.target, self.motor), |next| (next.target, next.motor));
         self.aborts = self.aborts.wrapping_add(1);
         self.tracks = [None; SLOTS];
         let Some(start) = self.start_of(segment).copied() else {
             return;
         };
-        let at = |from: i64, to: i64| {
-            from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64
-        };
+        let at =
+            |from: i64, to: i64| from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64;
         let played = words.get(..tick).unwrap_or(words);
         let (base, resume) = (first_tick(segment), first_tick(segment + 1));
         for i in 0..AXES {
-            self.emitters[i] = Emitter::after_abort(
-                &start.emitters[i],
-                &self.timing.lines()[i],
-                played,
-                base,
-                resume,
-            );
+            self.emitters[i] =
+                Emitter::after_abort(&start.emitters[i], &self.timing.lines()[i], played, base, resume);
             let count = self.emitters[i].emitted();
             let target = at(start.target.0[i], end.0.0[i]) >> 32;
             let overlay = (at(start.motor.0[i], end.1.0[i]) >> 32) - target;
@@ -285,10 +264,7 @@ impl Generator {
 
     #[inline(always)]
     fn remember(&mut self, moving: u8) {
-        if let Some(place) = self
-            .history
-            .get_mut((self.segment % HISTORY as u64) as usize)
-        {
+        if let Some(place) = self.history.get_mut((self.segment % HISTORY as u64) as usize) {
             *place = Start {
                 segment: self.segment,
                 target: self.target,

@@ -63,10 +63,8 @@ impl Bounds {
     /// Bounds along a path; `others` is the angular way (nrad) that other tracks may still turn meanwhile.
     pub fn along(law: &Law, path: &Path, others: u64) -> Self {
         let mut bounds = Bounds::default();
-        let turning: u64 = path.direction[3..]
-            .iter()
-            .map(|d| (d.unsigned_abs() >> 32) + u64::from(*d != 0))
-            .sum();
+        let turning: u64 =
+            path.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + u64::from(*d != 0)).sum();
         bounds.turning = turning + turning / 32;
         let turns = turning != 0;
         let (lever, second) = (law.lever_nm(), law.second_order_bound());
@@ -81,28 +79,17 @@ impl Bounds {
                 bounds.third[i] = bent(lever, &[angle, angle, angle], step);
             } else {
                 // q'' = second * angle^2 in radians; `second` is per radian in Q32
-                let nrad = (u128::from(second) * u128::from(angle) / 1_000_000_000
-                    * u128::from(angle))
-                    >> 32;
-                bounds.curvature[i] =
-                    u64::try_from((nrad + 1) << 48).unwrap_or(u64::MAX) / step.max(1) + 1;
+                let nrad = (u128::from(second) * u128::from(angle) / 1_000_000_000 * u128::from(angle)) >> 32;
+                bounds.curvature[i] = u64::try_from((nrad + 1) << 48).unwrap_or(u64::MAX) / step.max(1) + 1;
             }
         }
         // a milliradian bends the slope by less than a thousandth: samples would only add their rounding
-        let count = if product_q60(turning, path.to - path.from) > 1_000_000 {
-            SAMPLES
-        } else {
-            1
-        };
+        let count = if product_q60(turning, path.to - path.from) > 1_000_000 { SAMPLES } else { 1 };
         let stretch = (path.to - path.from) / count;
         let mut remembered = Remembered::default();
         let mut last = [0i64; AXES];
         for k in 0..=count {
-            let s = if k == count {
-                path.to
-            } else {
-                path.from + stretch * k
-            };
+            let s = if k == count { path.to } else { path.from + stretch * k };
             let mut pose = path.origin;
             for (u, d) in pose.0.iter_mut().zip(&path.direction) {
                 *u = u.saturating_add(scale(*d, s));
@@ -136,9 +123,8 @@ impl Bounds {
                 bounds.slope[i] =
                     bounds.slope[i].saturating_add(bent(lever, &[bounds.turning, others], step));
             }
-            let bulge = (product_q60(bounds.curvature[i], stretch).min(1 << 40) as i128
-                * i128::from(stretch))
-                >> 63;
+            let bulge =
+                (product_q60(bounds.curvature[i], stretch).min(1 << 40) as i128 * i128::from(stretch)) >> 63;
             let bulge = (bulge << 16) as i64;
             if (bounds.lowest[i] - bulge) >> 32 != (bounds.highest[i] + bulge) >> 32 {
                 bounds.steps |= 1 << i;
@@ -152,6 +138,5 @@ impl Bounds {
 
 /// `value` times a path stretch in Q60.
 fn product_q60(value: u64, stretch: i64) -> u64 {
-    u64::try_from((u128::from(value) * u128::from(stretch.unsigned_abs())) >> 60)
-        .unwrap_or(u64::MAX)
+    u64::try_from((u128::from(value) * u128::from(stretch.unsigned_abs())) >> 60).unwrap_or(u64::MAX)
 }

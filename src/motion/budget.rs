@@ -31,26 +31,14 @@ impl Rates {
         let v = (u128::from(velocity) * T << 40) / F;
         let a = (u128::from(acceleration) * T * T << 40) / (F * F);
         let j = ((u128::from(jerk) * T * T << 20) / F * T << 20) / (F * F);
-        let in_steps = |value: u128| {
-            u64::try_from((value << 36) / step)
-                .unwrap_or(u64::MAX >> 1)
-                .max(1)
-        };
-        Rates {
-            velocity: in_steps(v),
-            acceleration: in_steps(a),
-            jerk: in_steps(j),
-        }
+        let in_steps = |value: u128| u64::try_from((value << 36) / step).unwrap_or(u64::MAX >> 1).max(1);
+        Rates { velocity: in_steps(v), acceleration: in_steps(a), jerk: in_steps(j) }
     }
 
     /// A share of each, in 1/1024.
     pub fn share(self, of_1024: u32) -> Self {
         let part = |value: u64| ((u128::from(value) * u128::from(of_1024)) >> 10) as u64;
-        Rates {
-            velocity: part(self.velocity),
-            acceleration: part(self.acceleration),
-            jerk: part(self.jerk),
-        }
+        Rates { velocity: part(self.velocity), acceleration: part(self.acceleration), jerk: part(self.jerk) }
     }
 
     /// What is left when `other` is taken away.
@@ -93,9 +81,7 @@ pub fn take_up_quarter(width: u32, reserve: Rates) -> u32 {
     let q2 = a.isqrt() + 1;
     let j = half(over(1, reserve.jerk));
     let q3 = cube_root(j) + 1;
-    u32::try_from(q1.max(q2).max(q3))
-        .unwrap_or(u32::MAX / 8)
-        .clamp(1, u32::MAX / 8)
+    u32::try_from(q1.max(q2).max(q3)).unwrap_or(u32::MAX / 8).clamp(1, u32::MAX / 8)
 }
 
 /// Largest integer whose cube does not exceed `value`.
@@ -133,8 +119,7 @@ pub struct Grant {
 
 /// value (Q16 per path unit) times rate (Q60): Q44, rounded up.
 fn times(value: u64, rate: i64) -> u64 {
-    u64::try_from(((u128::from(value) * u128::from(rate.unsigned_abs())) >> 32) + 1)
-        .unwrap_or(u64::MAX)
+    u64::try_from(((u128::from(value) * u128::from(rate.unsigned_abs())) >> 32) + 1).unwrap_or(u64::MAX)
 }
 
 /// Q44 over Q16 per path unit: Q60, at most one path unit.
@@ -163,20 +148,17 @@ impl Grant {
             velocity = velocity.min(over(wanted[i].velocity, ways[i]));
             if bounds.curvature[i] != 0 {
                 // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
-                let square =
-                    (u128::from(available[i].acceleration) << 30) / u128::from(bounds.curvature[i]); // Q60 / 4
+                let square = (u128::from(available[i].acceleration) << 30) / u128::from(bounds.curvature[i]); // Q60 / 4
                 velocity = velocity.min((square.min(1 << 60) << 60).isqrt().min(1 << 60) as i64);
             }
             if bounds.third[i] != 0 {
                 let cube = (u128::from(available[i].jerk) << 29) / u128::from(bounds.third[i]); // Q60 / 8
-                velocity =
-                    velocity.min((cube_root(cube.min(1 << 60) << 60) << 20).min(1 << 60) as i64);
+                velocity = velocity.min((cube_root(cube.min(1 << 60) << 60) << 20).min(1 << 60) as i64);
             }
         }
         let velocity = velocity.max(1);
         let square = ((u128::from(velocity.unsigned_abs()).pow(2)) >> 60) as i64;
-        let cube = ((u128::from(velocity.unsigned_abs()) * u128::from(square.unsigned_abs())) >> 60)
-            as i64;
+        let cube = ((u128::from(velocity.unsigned_abs()) * u128::from(square.unsigned_abs())) >> 60) as i64;
         let turning_v = turning(bounds.turning, velocity);
         // two rotations at once: 2 r w1 w2 of acceleration on every linear motor
         let crossed_a = |i: usize| {
@@ -187,8 +169,7 @@ impl Grant {
         };
         let mut acceleration = 1i64 << 60;
         for i in 0..AXES {
-            let bend = times(bounds.curvature[i], square).min(available[i].acceleration / 2)
-                + crossed_a(i);
+            let bend = times(bounds.curvature[i], square).min(available[i].acceleration / 2) + crossed_a(i);
             let left = available[i].acceleration.saturating_sub(bend);
             acceleration = acceleration.min(over(left, bounds.slope[i]));
             acceleration = acceleration.min(over(wanted[i].acceleration, ways[i]));
@@ -210,13 +191,10 @@ impl Grant {
             // 3 r (w1 a2 + a1 w2); the term 3 r w1 w2 (w1 + w2) is below a thousandth of it and covered by the quarter in `bent`
             lever_steps(i, 3 * (v1 * a2 + a1 * v2))
         };
-        let mixed = ((u128::from(velocity.unsigned_abs())
-            * u128::from(acceleration.unsigned_abs()))
-            >> 60) as i64;
+        let mixed =
+            ((u128::from(velocity.unsigned_abs()) * u128::from(acceleration.unsigned_abs())) >> 60) as i64;
         let bend_j = |i: usize| {
-            times(bounds.curvature[i], mixed)
-                .saturating_mul(3)
-                .saturating_add(times(bounds.third[i], cube))
+            times(bounds.curvature[i], mixed).saturating_mul(3).saturating_add(times(bounds.third[i], cube))
                 + crossed_j(i)
         };
         let mut jerk = 1i64 << 60;
@@ -237,25 +215,14 @@ impl Grant {
             };
         }
         Grant {
-            limits: Limits {
-                velocity,
-                acceleration,
-                jerk,
-            },
+            limits: Limits { velocity, acceleration, jerk },
             uses,
-            turning: Turning {
-                velocity: turning_v,
-                acceleration: turning_a,
-            },
+            turning: Turning { velocity: turning_v, acceleration: turning_a },
         }
     }
 }
 
 /// nrad per path unit times a path rate in Q60: nrad in Q20, rounded up.
 fn turning(angle: u64, rate: i64) -> u64 {
-    if angle == 0 {
-        0
-    } else {
-        ((u128::from(angle) * u128::from(rate.unsigned_abs())) >> 40) as u64 + 1
-    }
+    if angle == 0 { 0 } else { ((u128::from(angle) * u128::from(rate.unsigned_abs())) >> 40) as u64 + 1 }
 }

@@ -29,15 +29,7 @@ pub struct AxisLimits {
 pub struct Limits(pub [AxisLimits; AXES]);
 
 fn beyond(axis: Axis, value: i64, bound: i64, motor: bool) -> Error {
-    Error {
-        number: ErrorNumber::DataOutOfRange,
-        detail: Detail::Limit {
-            axis,
-            value,
-            bound,
-            motor,
-        },
-    }
+    Error { number: ErrorNumber::DataOutOfRange, detail: Detail::Limit { axis, value, bound, motor } }
 }
 
 impl Limits {
@@ -60,11 +52,7 @@ impl Limits {
     pub fn range(&self, law: &Law, axis: Axis) -> (i32, i32) {
         let own = &self.0[axis.index()];
         // the rotation-centre law holds sixteenths of a nanoradian in 32 bits
-        let hard = if axis.is_rotary() && law.lever_nm() != 0 {
-            ANGLE_LIMIT
-        } else {
-            COORDINATE_LIMIT
-        };
+        let hard = if axis.is_rotary() && law.lever_nm() != 0 { ANGLE_LIMIT } else { COORDINATE_LIMIT };
         if own.soft_on && own.homed {
             (own.soft_lower.max(-hard), own.soft_upper.min(hard))
         } else {
@@ -88,12 +76,7 @@ impl Limits {
     ///
     /// # Errors
     /// -222 with the motor, its position and the end of its travel; 108 with the disabled axis.
-    pub fn check_motors(
-        &self,
-        law: &Law,
-        bounds: &Bounds,
-        others: &[i64; AXES],
-    ) -> Result<(), Error> {
+    pub fn check_motors(&self, law: &Law, bounds: &Bounds, others: &[i64; AXES]) -> Result<(), Error> {
         for axis in Axis::ALL {
             let i = axis.index();
             let own = &self.0[i];

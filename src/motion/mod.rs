@@ -1,19 +1,25 @@
-//! Motion: jerk-limited profiles of one path parameter, in integers.
+//! From commands to tracks: which path, how fast, within whose share of the motors' limits.
 //!
-//! [`plan`] turns a state and a goal into a [`Profile`]; [`profile`] evaluates it once per
-//! segment. Time is counted in whole segments, so nothing is ever rounded in time.
+//! ```text
+//! desire, goal -> planner -> limits: soft limits and travel
+//!                         -> bounds: how steep the law is along the path
+//!                         -> budget: share of the motors' limits
+//!                         -> plan: jerk-limited profile of the path parameter -> track
+//! ```
+//! Time is counted in whole segments, so nothing is ever rounded in time.
 
+pub mod bounds;
+pub mod budget;
+pub mod limits;
 pub mod plan;
+pub mod planner;
 pub mod profile;
 pub mod ramp;
 pub mod roots;
 mod search;
+pub mod track;
 
 #[cfg(test)]
 mod reference;
 #[cfg(test)]
 mod tests;
-
-pub use plan::{to_position, to_velocity};
-pub use profile::{Profile, State};
-pub use ramp::{Limits, Unplannable};

@@ -4,9 +4,7 @@
 //! with them fixed the way is affine in the remaining amplitude, which is then solved exactly.
 
 use super::profile::{Profile, State};
-use super::ramp::{
-    FARTHEST, FROM_Q60, FROM_Q90, Limits, Path, Point, Rates, Unplannable, div_up, segments,
-};
+use super::ramp::{FARTHEST, FROM_Q60, FROM_Q90, Limits, Path, Point, Rates, Unplannable, div_up, segments};
 use super::roots::{cbrt_up, sqrt_up};
 
 /// Longest continuation of a jog behind its ramp, in segments.
@@ -37,11 +35,7 @@ pub fn to_position(state: State, target: i64, limits: Limits) -> Result<Profile,
 fn start(state: State) -> Option<Point> {
     let small = |x: i128| x.abs() <= 1 << 91;
     let ok = small(state.velocity) && small(state.acceleration) && state.position.abs() <= FARTHEST;
-    ok.then(|| Point {
-        s: 0,
-        v: state.velocity << FROM_Q90,
-        a: state.acceleration << FROM_Q90,
-    })
+    ok.then(|| Point { s: 0, v: state.velocity << FROM_Q90, a: state.acceleration << FROM_Q90 })
 }
 
 fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
@@ -61,11 +55,7 @@ fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
     }
     let last = state.position as i128 + (path.at.s >> FROM_Q60);
     let profile = path.finish(state.position, i64::try_from(last).ok()?, v1, 1)?;
-    Some(Profile {
-        duration,
-        end_position: end,
-        ..profile
-    })
+    Some(Profile { duration, end_position: end, ..profile })
 }
 
 /// The path of a velocity change.
@@ -149,11 +139,7 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
     let v_most = most(from, &rates)?;
     let a_most = rates.a.max(from.a.abs());
     let sign = rest.signum();
-    let mirrored = Point {
-        s: 0,
-        v: sign * from.v,
-        a: sign * from.a,
-    };
+    let mirrored = Point { s: 0, v: sign * from.v, a: sign * from.a };
     let finish = |path: Path, sign| path.finish(state.position, target, 0, sign);
     if from.v == 0 && from.a == 0 {
         let mut path = Path::new(mirrored);
@@ -169,11 +155,7 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
     let mut detour = if sign < 0 { stop.mirrored() } else { stop };
     let detour = rest_to_rest(&mut detour, rest.abs(), &rates)
         .and_then(|()| Some((detour.time, finish(detour, sign)?)));
-    [direct, detour]
-        .into_iter()
-        .flatten()
-        .min_by_key(|found| found.0)
-        .map(|found| found.1)
+    [direct, detour].into_iter().flatten().min_by_key(|found| found.0).map(|found| found.1)
 }
 
 /// From rest to rest over `way > 0`.
@@ -181,11 +163,7 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
 /// The velocity is `way` smoothed by three boxes of p <= q segments and r >= p + q: r bounds the
 /// velocity (way / r), q·r the acceleration and p·q·r the jerk.
 fn rest_to_rest(path: &mut Path, way: i128, rates: &Rates) -> Option<()> {
-    let (v, a, j) = (
-        rates.v.unsigned_abs(),
-        rates.a.unsigned_abs(),
-        rates.j.unsigned_abs(),
-    );
+    let (v, a, j) = (rates.v.unsigned_abs(), rates.a.unsigned_abs(), rates.j.unsigned_abs());
     let d = way.unsigned_abs();
     let jerky = cbrt_up((4 * d).div_ceil(j));
     let mut r = d.div_ceil(v).max(u128::from(jerky));

@@ -67,9 +67,7 @@ impl Active {
     }
 
     fn state(&self, segment: u64) -> State {
-        self.track
-            .profile
-            .state(segment.saturating_sub(self.start).min(u64::from(u32::MAX)) as u32)
+        self.track.profile.state(segment.saturating_sub(self.start).min(u64::from(u32::MAX)) as u32)
     }
 }
 
@@ -91,10 +89,7 @@ struct Slot {
 impl Slot {
     /// What will run once the answer is there, as far as known.
     fn latest(&self) -> Option<&Active> {
-        self.flight
-            .as_ref()
-            .map(|f| &f.active)
-            .or(self.active.as_ref())
+        self.flight.as_ref().map(|f| &f.active).or(self.active.as_ref())
     }
 }
 
@@ -163,19 +158,12 @@ impl Planner {
             || self.then_goal.is_some()
             || self.then.iter().any(Option::is_some)
             || self.desires.iter().any(|d| *d != Desire::None)
-            || self
-                .slots
-                .iter()
-                .any(|s| s.active.is_some() || s.flight.is_some())
+            || self.slots.iter().any(|s| s.active.is_some() || s.flight.is_some())
     }
 
     /// Bit n: axis n has a track or waits for one.
     pub fn moving_axes(&self) -> u8 {
-        let mut mask = if self.goal.is_some() || self.then_goal.is_some() {
-            0x3f
-        } else {
-            0
-        };
+        let mut mask = if self.goal.is_some() || self.then_goal.is_some() { 0x3f } else { 0 };
         for (i, slot) in self.slots.iter().enumerate() {
             if let Some(active) = slot.latest() {
                 mask |= active.track.axes();
@@ -224,20 +212,15 @@ impl Planner {
     /// True when a coordinated move of this axis runs or waits: then a single axis cannot leave it alone.
     pub fn is_coordinated(&self, axis: Axis) -> bool {
         let runs = |slot: &Slot| {
-            slot.latest()
-                .is_some_and(|a| !a.stopping && a.track.axes() >> axis.index() & 1 != 0)
+            slot.latest().is_some_and(|a| !a.stopping && a.track.axes() >> axis.index() & 1 != 0)
         };
-        self.goal.is_some()
-            || self.then_goal.is_some()
-            || self.slots[COORDINATED..].iter().any(runs)
+        self.goal.is_some() || self.then_goal.is_some() || self.slots[COORDINATED..].iter().any(runs)
     }
 
     /// True while the axis jogs.
     pub fn is_jogging(&self, axis: Axis) -> bool {
         matches!(self.desires[axis.index()], Desire::Jog { .. })
-            || self.slots[axis.index()]
-                .latest()
-                .is_some_and(|a| a.jog && !a.stopping)
+            || self.slots[axis.index()].latest().is_some_and(|a| a.jog && !a.stopping)
     }
 
     /// A new desire of one axis.
@@ -321,9 +304,7 @@ impl Planner {
     /// Merges tracks that have ended by the start of `segment` into the base.
     fn merge(&mut self, segment: u64) {
         for (i, slot) in self.slots.iter_mut().enumerate() {
-            let Some(active) = slot
-                .active
-                .filter(|a| slot.flight.is_none() && a.end_segment() <= segment)
+            let Some(active) = slot.active.filter(|a| slot.flight.is_none() && a.end_segment() <= segment)
             else {
                 continue;
             };
@@ -431,11 +412,7 @@ impl Planner {
         segment: u64,
         order: &mut impl FnMut(Proposal) -> Option<u16>,
     ) -> bool {
-        match order(Proposal {
-            slot: slot as u8,
-            segment,
-            track: active.track,
-        }) {
+        match order(Proposal { slot: slot as u8, segment, track: active.track }) {
             Some(sequence) => {
                 self.slots[slot].flight = Some(Flight { sequence, active });
                 true
@@ -455,8 +432,7 @@ impl Planner {
             return Ok(());
         }
         // The same goal again: it is on its way.
-        if let Some(slot) =
-            (COORDINATED..SLOTS).find(|i| self.slots[*i].active.is_some_and(|a| !a.stopping))
+        if let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active.is_some_and(|a| !a.stopping))
             && self.rest().rounded() == goal
             && self.slots[..AXES].iter().all(|s| s.active.is_none())
         {
@@ -487,23 +463,13 @@ impl Planner {
             self.goal = self.then_goal.take();
             return Ok(());
         }
-        let path = Path {
-            origin: rest,
-            direction,
-            from: 0,
-            to: PATH_ONE,
-        };
+        let path = Path { origin: rest, direction, from: 0, to: PATH_ONE };
         let Some(grant) = self.grant(capability, &path, SLOTS, false)? else {
             return Ok(());
         };
         let limits = with_speed(&grant, PATH_ONE, capability.override_percent);
         let profile = to_position(State::rest(0), PATH_ONE, limits).map_err(|_| unplannable())?;
-        let track = Track {
-            origin: [0; AXES],
-            direction,
-            end: direction,
-            profile,
-        };
+        let track = Track { origin: [0; AXES], direction, end: direction, profile };
         let active = Active {
             track,
             start: segment,
@@ -568,40 +534,21 @@ impl Planner {
             for (new, old) in grant.uses.iter_mut().zip(&active.grant.uses) {
                 *new = new.max(*old);
             }
-            grant.limits.acceleration = grant
-                .limits
-                .acceleration
-                .max(active.grant.limits.acceleration);
+            grant.limits.acceleration = grant.limits.acceleration.max(active.grant.limits.acceleration);
             grant.limits.jerk = grant.limits.jerk.max(active.grant.limits.jerk);
             grant.turning = Turning {
                 velocity: grant.turning.velocity.max(active.grant.turning.velocity),
-                acceleration: grant
-                    .turning
-                    .acceleration
-                    .max(active.grant.turning.acceleration),
+                acceleration: grant.turning.acceleration.max(active.grant.turning.acceleration),
             };
         }
         // nm per segment in Q44 to path units in Q60
         let speed = ((u128::from(speed) << 16) >> SINGLE_AXIS_UNIT_BITS).clamp(1, 1 << 60) as i64;
         let limits = with_speed(&grant, speed, capability.override_percent);
         let profile = to_position(state, goal, limits).map_err(|_| unplannable())?;
-        let mut track = Track {
-            origin: [0; AXES],
-            direction,
-            end: [0; AXES],
-            profile,
-        };
+        let mut track = Track { origin: [0; AXES], direction, end: [0; AXES], profile };
         track.end[i] = end;
         let jog = matches!(self.desires[i], Desire::Jog { .. });
-        let active = Active {
-            track,
-            start: segment,
-            grant,
-            speed,
-            goal,
-            stopping: false,
-            jog,
-        };
+        let active = Active { track, start: segment, grant, speed, goal, stopping: false, jog };
         if self.launch(i, active, segment, order) {
             self.desires[i] = Desire::None;
             self.then[i] = then;
@@ -621,13 +568,7 @@ impl Planner {
         own: usize,
         single: bool,
     ) -> Result<Option<Grant>, Error> {
-        let Capability {
-            law,
-            motors,
-            wanted,
-            limits,
-            ..
-        } = capability;
+        let Capability { law, motors, wanted, limits, .. } = capability;
         let mut taken = [Rates::default(); AXES];
         let mut others = Turning::default();
         let mut remaining = 0u64;
@@ -641,10 +582,7 @@ impl Planner {
             }
             others.velocity += active.grant.turning.velocity;
             others.acceleration += active.grant.turning.acceleration;
-            let turns: u64 = active.track.end[3..]
-                .iter()
-                .map(|e| e.unsigned_abs() >> 32)
-                .sum();
+            let turns: u64 = active.track.end[3..].iter().map(|e| e.unsigned_abs() >> 32).sum();
             remaining += turns;
             let _ = &mut reach;
         }
@@ -669,14 +607,7 @@ impl Planner {
         let grant = Grant::within(&bounds, &left, wanted, &ways, others, lever_steps);
         if taken != [Rates::default(); AXES] {
             let alone = motors.map(|m| m.share(share));
-            let best = Grant::within(
-                &bounds,
-                &alone,
-                wanted,
-                &ways,
-                Turning::default(),
-                lever_steps,
-            );
+            let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), lever_steps);
             let (a, b) = (grant.limits, best.limits);
             let enough = |have: i64, want: i64| have >= want / WAIT_BELOW && have > 1;
             if !(enough(a.velocity, b.velocity)
@@ -703,12 +634,7 @@ impl Planner {
         if direction == [0; AXES] {
             return Ok(DryRun::default());
         }
-        let path = Path {
-            origin: rest,
-            direction,
-            from: 0,
-            to: PATH_ONE,
-        };
+        let path = Path { origin: rest, direction, from: 0, to: PATH_ONE };
         let idle = Planner::at_rest(from);
         let Some(grant) = idle.grant(capability, &path, SLOTS, false)? else {
             return Err(unplannable());
@@ -718,23 +644,16 @@ impl Planner {
         let peak = peak_velocity(&profile);
         let granted = u128::from(grant.limits.velocity.unsigned_abs().max(1));
         let rate = |uses: Rates| (u128::from(uses.velocity) * peak / granted) as u64;
-        Ok(DryRun {
-            segments: u64::from(profile.duration()),
-            step_rates: grant.uses.map(rate),
-        })
+        Ok(DryRun { segments: u64::from(profile.duration()), step_rates: grant.uses.map(rate) })
     }
 
     /// Largest speed of each axis in segment `segment`, nm or nrad per segment in Q32.
     pub fn speeds(&self, segment: u64) -> [u64; AXES] {
         let mut speeds = [0u64; AXES];
         for active in self.slots.iter().filter_map(|s| s.active) {
-            let elapsed = segment
-                .saturating_sub(active.start)
-                .min(u64::from(u32::MAX - 1)) as u32;
-            let (a, b) = (
-                active.track.contribution(elapsed, &mut 0),
-                active.track.contribution(elapsed + 1, &mut 0),
-            );
+            let elapsed = segment.saturating_sub(active.start).min(u64::from(u32::MAX - 1)) as u32;
+            let (a, b) =
+                (active.track.contribution(elapsed, &mut 0), active.track.contribution(elapsed + 1, &mut 0));
             for (speed, (a, b)) in speeds.iter_mut().zip(a.iter().zip(&b)) {
                 *speed += a.abs_diff(*b);
             }
@@ -751,10 +670,7 @@ fn peak_velocity(profile: &Profile) -> u128 {
 }
 
 fn unplannable() -> Error {
-    Error::text(
-        ErrorNumber::SettingsConflict,
-        "no profile within these rates",
-    )
+    Error::text(ErrorNumber::SettingsConflict, "no profile within these rates")
 }
 
 /// The granted limits with a speed wish and the override on the velocity.

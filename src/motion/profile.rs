@@ -24,11 +24,7 @@ pub struct State {
 impl State {
     /// At rest at `position` (path, Q60).
     pub const fn rest(position: i64) -> State {
-        State {
-            position,
-            velocity: 0,
-            acceleration: 0,
-        }
+        State { position, velocity: 0, acceleration: 0 }
     }
 }
 
@@ -72,11 +68,7 @@ fn scaled(c: i64, tau: u32, up: u32) -> i64 {
 impl Profile {
     /// A profile that rests at `position` for ever.
     pub fn resting(position: i64) -> Profile {
-        Profile {
-            last: position,
-            end_position: position,
-            ..Profile::default()
-        }
+        Profile { last: position, end_position: position, ..Profile::default() }
     }
 
     /// Position in Q60 at segment border `n`.
@@ -115,23 +107,11 @@ impl Profile {
         let position = self.position(n, &mut cursor);
         if n >= self.duration {
             let running = usize::from(cursor) < usize::from(self.count);
-            let velocity = if running {
-                i128::from(self.end_velocity) << 30
-            } else {
-                0
-            };
-            return State {
-                position,
-                velocity,
-                acceleration: 0,
-            };
+            let velocity = if running { i128::from(self.end_velocity) << 30 } else { 0 };
+            return State { position, velocity, acceleration: 0 };
         }
         let index = usize::from(cursor).min(MAX_PHASES - 1);
-        let start = if index > 0 {
-            self.phases[index - 1].end
-        } else {
-            0
-        };
+        let start = if index > 0 { self.phases[index - 1].end } else { 0 };
         let phase = &self.phases[index];
         let tau = i128::from((n - start) << phase.shift);
         let [_, c1, c2, c3] = phase.c.map(i128::from);
@@ -140,11 +120,7 @@ impl Profile {
         let cubic = (((3 * c3 * tau) >> 16) * tau) >> 16;
         let velocity = ((c1 << 32) + 2 * c2 * tau + cubic) >> k;
         let acceleration = ((c2 << 33) + 6 * c3 * tau) >> (2 * k);
-        State {
-            position,
-            velocity,
-            acceleration,
-        }
+        State { position, velocity, acceleration }
     }
 
     /// Segments until the goal is reached.

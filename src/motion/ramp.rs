@@ -23,7 +23,7 @@ pub(super) const FARTHEST: i64 = 4 << 60;
 const ROOM: i128 = 31 << (BITS - 3);
 
 /// Largest magnitudes along the path.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Limits {
     /// Path per segment, Q60, 1..=2^60.
     pub velocity: i64,
@@ -47,11 +47,7 @@ pub(super) struct Rates {
 
 impl Rates {
     pub fn of(limits: Limits) -> Option<Rates> {
-        let convert = |x: i64| {
-            (1..=1 << 60)
-                .contains(&x)
-                .then(|| i128::from(x) << FROM_Q60)
-        };
+        let convert = |x: i64| (1..=1 << 60).contains(&x).then(|| i128::from(x) << FROM_Q60);
         Some(Rates {
             v: convert(limits.velocity)?,
             a: convert(limits.acceleration)?,
@@ -93,11 +89,7 @@ impl Rates {
         let (a, j) = (self.a.unsigned_abs(), self.j.unsigned_abs());
         let q = dv.div_ceil(a).max(sqrt_up(dv.div_ceil(j)));
         let p = dv.div_ceil(j.checked_mul(q)?);
-        Some([
-            segments(p as i128)?,
-            segments((q - p) as i128)?,
-            segments(p as i128)?,
-        ])
+        Some([segments(p as i128)?, segments((q - p) as i128)?, segments(p as i128)?])
     }
 
     /// Segments of the ramp from `(v0, a0)` to `(v1, 0)`.
@@ -181,11 +173,7 @@ fn up16(t: i128) -> i128 {
 /// Division rounded up; `den` positive.
 pub(super) fn div_up(num: i128, den: i128) -> i128 {
     let quotient = num / den;
-    if num % den > 0 {
-        quotient + 1
-    } else {
-        quotient
-    }
+    if num % den > 0 { quotient + 1 } else { quotient }
 }
 
 /// A count of segments, refused beyond [`LONGEST`].
@@ -214,10 +202,7 @@ impl Point {
         let n = i128::from(n);
         let dv = n.checked_mul(self.a + a1)? >> 1;
         let bend = n.checked_mul(n)?.checked_mul(2 * self.a + a1)? / 6;
-        let s = self
-            .s
-            .checked_add(n.checked_mul(self.v)?)?
-            .checked_add(bend)?;
+        let s = self.s.checked_add(n.checked_mul(self.v)?)?.checked_add(bend)?;
         let v = self.v + dv;
         let sane = s.abs() < 1 << (BITS + 6) && v.abs() < 1 << (BITS + 3);
         sane.then_some(Point { s, v, a: a1 })
@@ -249,12 +234,7 @@ pub(super) struct Path {
 
 impl Path {
     pub fn new(at: Point) -> Path {
-        Path {
-            phases: [(0, 0, Point::default()); MAX_PHASES],
-            count: 0,
-            at,
-            time: 0,
-        }
+        Path { phases: [(0, 0, Point::default()); MAX_PHASES], count: 0, at, time: 0 }
     }
 
     /// Goes to the acceleration `a1` in `n` segments.
@@ -287,12 +267,8 @@ impl Path {
             let crossing = (from.a < 0) != (a1 < 0) && from.a != 0 && a1 != 0;
             // Where the acceleration crosses zero the velocity has its extreme.
             let extreme = if crossing {
-                let own = Rates {
-                    j: (jerk / i128::from(n.max(1))).max(1),
-                    ..*rates
-                };
-                own.forced(from.a)
-                    .map_or(i128::MAX, |dv| (from.v + dv).abs())
+                let own = Rates { j: (jerk / i128::from(n.max(1))).max(1), ..*rates };
+                own.forced(from.a).map_or(i128::MAX, |dv| (from.v + dv).abs())
             } else {
                 from.v.abs()
             };
@@ -306,16 +282,10 @@ impl Path {
         if (sign * self.at.s - goal).abs() > 1 << (BITS - 57) {
             return None;
         }
-        let mut profile = Profile {
-            duration: self.time,
-            last: end,
-            end_position: end,
-            end_velocity,
-            ..Profile::default()
-        };
+        let mut profile =
+            Profile { duration: self.time, last: end, end_position: end, end_velocity, ..Profile::default() };
         let mut time = 0;
-        for (phase, &(n, a1, from)) in profile.phases.iter_mut().zip(&self.phases).take(self.count)
-        {
+        for (phase, &(n, a1, from)) in profile.phases.iter_mut().zip(&self.phases).take(self.count) {
             time += n;
             *phase = cubic(n, time, start, sign, from, a1)?;
         }
@@ -325,11 +295,7 @@ impl Path {
 
     /// The same path seen from the other side.
     pub fn mirrored(mut self) -> Path {
-        let flip = |at: Point| Point {
-            s: -at.s,
-            v: -at.v,
-            a: -at.a,
-        };
+        let flip = |at: Point| Point { s: -at.s, v: -at.v, a: -at.a };
         for phase in &mut self.phases {
             *phase = (phase.0, -phase.1, flip(phase.2));
         }
@@ -339,14 +305,7 @@ impl Path {
 }
 
 /// The coefficients of one phase, refused where evaluation could leave an i64.
-pub(super) fn cubic(
-    n: u32,
-    end: u32,
-    start: i64,
-    sign: i128,
-    from: Point,
-    a1: i128,
-) -> Option<Phase> {
+pub(super) fn cubic(n: u32, end: u32, start: i64, sign: i128, from: Point, a1: i128) -> Option<Phase> {
     // At least 1: a shift by 32 has no meaning in u32.
     let k = (32 - n.saturating_sub(1).leading_zeros()).max(1);
     let round = |x: i128, bits: u32| (x + (1 << (bits - 1))) >> bits;
@@ -367,19 +326,12 @@ pub(super) fn cubic(
     // v0·n where only the velocity changes its sign.
     let segments = i128::from(n);
     let drift = segments.checked_mul(from.v.abs())?;
-    let bend = segments
-        .checked_mul(segments)?
-        .checked_mul(from.a.abs().max(a1.abs()))?
-        / 2;
+    let bend = segments.checked_mul(segments)?.checked_mul(from.a.abs().max(a1.abs()))? / 2;
     let near = if from.a.signum() * a1.signum() < 0 {
         drift.checked_add(bend)? < ROOM
     } else {
         drift < ROOM || from.v.signum() * from.after(n, a1)?.v.signum() >= 0
     };
     let inside = c0.abs() <= FARTHEST && near;
-    inside.then_some(Phase {
-        end,
-        shift: (32 - k) as u8,
-        c: [c0, terms[0], terms[1], terms[2]],
-    })
+    inside.then_some(Phase { end, shift: (32 - k) as u8, c: [c0, terms[0], terms[1], terms[2]] })
 }

@@ -15,20 +15,12 @@ impl Ideal {
 
     /// Duration and way of the fastest transition to velocity `v1`.
     pub fn ramp(&self, v0: f64, a0: f64, v1: f64) -> (f64, f64) {
-        let sign = if v1 >= v0 + self.forced(a0) {
-            1.0
-        } else {
-            -1.0
-        };
+        let sign = if v1 >= v0 + self.forced(a0) { 1.0 } else { -1.0 };
         let (a, dv, j) = (sign * a0, sign * (v1 - v0), self.j);
         let peak = (j * dv + a * a / 2.0).max(0.0).sqrt().min(self.a);
         let (t1, t3) = ((peak - a).abs() / j, peak / j);
         let rest = dv - t1 * (a + peak) / 2.0 - t3 * peak / 2.0;
-        let t2 = if peak < self.a {
-            0.0
-        } else {
-            (rest / peak).max(0.0)
-        };
+        let t2 = if peak < self.a { 0.0 } else { (rest / peak).max(0.0) };
         let way1 = v0 * t1 + sign * t1 * t1 * (2.0 * a + peak) / 6.0;
         let v = v0 + sign * t1 * (a + peak) / 2.0;
         let way2 = v * t2 + sign * t2 * t2 * peak / 2.0;
@@ -63,11 +55,7 @@ impl Ideal {
             };
             for _ in 0..100 {
                 let middle = (low + high) / 2.0;
-                if eased(middle).1 > way {
-                    high = middle
-                } else {
-                    low = middle
-                }
+                if eased(middle).1 > way { high = middle } else { low = middle }
             }
             return eased(low).0;
         }
@@ -81,18 +69,9 @@ impl Ideal {
         (low, high) = (free.max(0.0), most);
         for _ in 0..100 {
             let middle = (low + high) / 2.0;
-            if self.through(v0, a0, middle).1 > way {
-                high = middle
-            } else {
-                low = middle
-            }
+            if self.through(v0, a0, middle).1 > way { high = middle } else { low = middle }
         }
         let found = self.through(v0, a0, low);
-        found.0
-            + if low > 0.0 {
-                (way - found.1).max(0.0) / low
-            } else {
-                0.0
-            }
+        found.0 + if low > 0.0 { (way - found.1).max(0.0) / low } else { 0.0 }
     }
 }

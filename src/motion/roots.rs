@@ -21,9 +21,5 @@ pub fn cbrt_up(x: u128) -> u64 {
         }
         bit >>= 1;
     }
-    if x == 0 || root == (1 << 33) - 1 {
-        root
-    } else {
-        root + 1
-    }
+    if x == 0 || root == (1 << 33) - 1 { root } else { root + 1 }
 }

@@ -16,12 +16,7 @@ struct Shape {
 
 impl Shape {
     fn way(&self, from: Point, vc: i128) -> Option<i128> {
-        Some(
-            from.after_ramp(self.up, vc)?
-                .after(self.cruise, 0)?
-                .after_ramp(self.down, 0)?
-                .s,
-        )
+        Some(from.after_ramp(self.up, vc)?.after(self.cruise, 0)?.after_ramp(self.down, 0)?.s)
     }
 
     fn push(&self, path: &mut Path, vc: i128) -> Option<()> {
@@ -35,11 +30,7 @@ impl Shape {
 fn shape(from: Point, vc: i128, rates: &Rates) -> Option<(Shape, i128)> {
     let up = rates.ramp(from.v, from.a, vc)?;
     let down = rates.symmetric(vc)?;
-    let shape = Shape {
-        up,
-        cruise: 0,
-        down,
-    };
+    let shape = Shape { up, cruise: 0, down };
     Some((shape, shape.way(from, vc)?))
 }
 
@@ -79,11 +70,7 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
             continue;
         }
         low = middle;
-        let ramps = found
-            .up
-            .iter()
-            .chain(&found.down)
-            .fold(0, |sum: u32, n| sum.saturating_add(*n));
+        let ramps = found.up.iter().chain(&found.down).fold(0, |sum: u32, n| sum.saturating_add(*n));
         if way - reach <= middle.saturating_mul(1 + i128::from(ramps >> 8)) {
             break;
         }
@@ -133,11 +120,7 @@ fn solve(f: impl Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -> Option<i1
         if error.abs() < slope >> 41 {
             break;
         }
-        let shift = error
-            .unsigned_abs()
-            .leading_zeros()
-            .saturating_sub(2)
-            .min(40);
+        let shift = error.unsigned_abs().leading_zeros().saturating_sub(2).min(40);
         x += ((error << shift) / slope) << (40 - shift);
     }
     Some(x)

@@ -40,11 +40,7 @@ impl Random {
         let v = 1.0 / self.scale(50.0, 1e5);
         let a = v / self.scale(1.0, 5e3);
         let j = a / self.scale(1.0, 2e3);
-        Limits {
-            velocity: q60(v),
-            acceleration: q60(a),
-            jerk: q60(j),
-        }
+        Limits { velocity: q60(v), acceleration: q60(a), jerk: q60(j) }
     }
 }
 
@@ -53,11 +49,7 @@ fn q60(x: f64) -> i64 {
 }
 
 fn ideal(l: Limits) -> Ideal {
-    Ideal {
-        v: l.velocity as f64 / ONE,
-        a: l.acceleration as f64 / ONE,
-        j: l.jerk as f64 / ONE,
-    }
+    Ideal { v: l.velocity as f64 / ONE, a: l.acceleration as f64 / ONE, j: l.jerk as f64 / ONE }
 }
 
 fn numbers(state: State) -> (f64, f64) {
@@ -67,16 +59,10 @@ fn numbers(state: State) -> (f64, f64) {
 /// Velocity, acceleration and jerk at `n` segments into a phase.
 fn rates(phase: &Phase, n: f64) -> (f64, f64, f64) {
     let l = (1u64 << (32 - phase.shift)) as f64;
-    let [_, c1, c2, c3] = phase
-        .c
-        .map(|c| c as f64 / (1u64 << COEFFICIENT_BITS) as f64);
+    let [_, c1, c2, c3] = phase.c.map(|c| c as f64 / (1u64 << COEFFICIENT_BITS) as f64);
     let t = n / l;
     let v = (c1 + t * (2.0 * c2 + t * 3.0 * c3)) / l;
-    (
-        v,
-        (2.0 * c2 + 6.0 * c3 * t) / (l * l),
-        6.0 * c3 / (l * l * l),
-    )
+    (v, (2.0 * c2 + 6.0 * c3 * t) / (l * l), 6.0 * c3 / (l * l * l))
 }
 
 /// Checks one profile against the limits and the state it starts from.
@@ -87,65 +73,29 @@ fn check(profile: &Profile, from: State, l: Limits) {
     let tiny = 1.0 / (1u64 << 55) as f64;
     // A jerk that no whole segment can use forces more.
     let speed = ideal.v.max(v0.abs()).max(a0.abs());
-    let ideal = Ideal {
-        j: ideal.j.min(ideal.a.max(a0.abs())).min(speed),
-        ..ideal
-    };
+    let ideal = Ideal { j: ideal.j.min(ideal.a.max(a0.abs())).min(speed), ..ideal };
     let v_most = ideal.v.max(v0.abs()).max((v0 + ideal.forced(a0)).abs()) * relative + tiny;
     let a_most = ideal.a.max(a0.abs()) * relative + tiny;
     assert_eq!(profile.position(0, &mut 0), from.position);
     let (mut start, mut before) = (0, (v0, a0));
-    for (index, phase) in profile.phases[..usize::from(profile.count)]
-        .iter()
-        .enumerate()
-    {
+    for (index, phase) in profile.phases[..usize::from(profile.count)].iter().enumerate() {
         let n = f64::from(phase.end - start);
         let (v, a, j) = rates(phase, 0.0);
         let end = rates(phase, n);
-        assert!(
-            j.abs() <= ideal.j * relative + tiny,
-            "jerk {j} of {l:?} in {index}"
-        );
-        assert!(
-            a.abs() <= a_most && end.1.abs() <= a_most,
-            "acceleration {a} of {l:?} in {index}"
-        );
-        let turn = if j == 0.0 {
-            0.0
-        } else {
-            (-a / j).clamp(0.0, n)
-        };
+        assert!(j.abs() <= ideal.j * relative + tiny, "jerk {j} of {l:?} in {index}");
+        assert!(a.abs() <= a_most && end.1.abs() <= a_most, "acceleration {a} of {l:?} in {index}");
+        let turn = if j == 0.0 { 0.0 } else { (-a / j).clamp(0.0, n) };
         for v in [v, end.0, rates(phase, turn).0] {
-            assert!(
-                v.abs() <= v_most,
-                "velocity {v} of {v_most} in {index}: {from:?} {l:?} {profile:?}"
-            );
+            assert!(v.abs() <= v_most, "velocity {v} of {v_most} in {index}: {from:?} {l:?} {profile:?}");
         }
-        assert!(
-            (v - before.0).abs() <= v_most * 1e-9 + tiny,
-            "velocity jumps in {index}"
-        );
-        assert!(
-            (a - before.1).abs() <= a_most * 1e-9 + tiny,
-            "acceleration jumps in {index}"
-        );
-        let alone = Profile {
-            count: 1,
-            last: 0,
-            phases: [Phase {
-                end: u32::MAX,
-                ..*phase
-            }; 12],
-            ..*profile
-        };
+        assert!((v - before.0).abs() <= v_most * 1e-9 + tiny, "velocity jumps in {index}");
+        assert!((a - before.1).abs() <= a_most * 1e-9 + tiny, "acceleration jumps in {index}");
+        let alone =
+            Profile { count: 1, last: 0, phases: [Phase { end: u32::MAX, ..*phase }; 12], ..*profile };
         if n < f64::from(1u32 << 30) && (n as u32) < 1 << (32 - phase.shift) {
             let reached = alone.position(phase.end - start, &mut 0);
             let next = profile.position(phase.end, &mut 0);
-            assert!(
-                (reached - next).abs() <= 32,
-                "position jumps by {} in {index}",
-                reached - next
-            );
+            assert!((reached - next).abs() <= 32, "position jumps by {} in {index}", reached - next);
         }
         (start, before) = (phase.end, (end.0, end.1));
     }
@@ -157,10 +107,7 @@ fn check(profile: &Profile, from: State, l: Limits) {
     };
     let mut cursor = 0;
     for n in borders {
-        let (p, q) = (
-            profile.position(n, &mut cursor),
-            profile.position(n + 1, &mut cursor),
-        );
+        let (p, q) = (profile.position(n, &mut cursor), profile.position(n + 1, &mut cursor));
         assert!((q - p).abs() as f64 <= v_most * ONE + 40.0);
     }
 }
@@ -168,10 +115,7 @@ fn check(profile: &Profile, from: State, l: Limits) {
 fn check_target(profile: &Profile, target: i64) {
     for beyond in [0, 1, 1000, u32::MAX - profile.duration] {
         assert_eq!(profile.position(profile.duration + beyond, &mut 0), target);
-        assert_eq!(
-            profile.state(profile.duration + beyond),
-            State::rest(target)
-        );
+        assert_eq!(profile.state(profile.duration + beyond), State::rest(target));
     }
     assert_eq!(profile.end_position(), target);
 }
@@ -249,12 +193,7 @@ fn from_rest_every_plan_keeps_the_limits_and_is_near_the_optimum() {
 #[test]
 fn chains_of_new_targets_overrides_and_stops_keep_the_limits() {
     let mut random = Random(2);
-    let mut kinds = vec![
-        Excess::default(),
-        Excess::default(),
-        Excess::default(),
-        Excess::default(),
-    ];
+    let mut kinds = vec![Excess::default(), Excess::default(), Excess::default(), Excess::default()];
     let mut stops = Excess::default();
     for _ in 0..15_000 {
         let base = random.limits();
@@ -267,10 +206,7 @@ fn chains_of_new_targets_overrides_and_stops_keep_the_limits() {
             match kind {
                 0 => target = q60(random.unit()),
                 1 => {}
-                2 => {
-                    target =
-                        state.position + q60(random.scale(1e-9, 1.0) * random.signed().signum()) / 2
-                }
+                2 => target = state.position + q60(random.scale(1e-9, 1.0) * random.signed().signum()) / 2,
                 _ => {
                     l = base;
                     l.velocity = (base.velocity as f64 * random.scale(0.02, 1.0)) as i64;
@@ -278,11 +214,7 @@ fn chains_of_new_targets_overrides_and_stops_keep_the_limits() {
             }
             target = target.clamp(-(1 << 60), 1 << 60);
             profile = if kind == 4 && random.below(2) == 0 {
-                let v1 = if random.below(3) > 0 {
-                    0
-                } else {
-                    q60(random.signed() * ideal(l).v)
-                };
+                let v1 = if random.below(3) > 0 { 0 } else { q60(random.signed() * ideal(l).v) };
                 let (v, a) = numbers(state);
                 let far = state.position as f64 / ONE + ideal(l).ramp(v, a, v1 as f64 / ONE).1;
                 let Ok(stop) = to_velocity(state, v1, l) else {
@@ -316,33 +248,16 @@ fn extreme_limits_and_states_never_panic() {
     let mut random = Random(3);
     let mut planned = 0;
     for _ in 0..100_000 {
-        let l = Limits {
-            velocity: random.any(),
-            acceleration: random.any(),
-            jerk: random.any(),
-        };
-        let (v, a) = (
-            i128::from(random.any()) << random.below(31),
-            i128::from(random.any()) << random.below(31),
-        );
+        let l = Limits { velocity: random.any(), acceleration: random.any(), jerk: random.any() };
+        let (v, a) =
+            (i128::from(random.any()) << random.below(31), i128::from(random.any()) << random.below(31));
         let position = q60(3.9 * random.signed());
         let sign = |random: &mut Random| {
-            if random.below(2) > 0 {
-                -1
-            } else {
-                i128::from(random.below(2))
-            }
+            if random.below(2) > 0 { -1 } else { i128::from(random.below(2)) }
         };
-        let state = State {
-            position,
-            velocity: v * sign(&mut random),
-            acceleration: a * sign(&mut random),
-        };
+        let state = State { position, velocity: v * sign(&mut random), acceleration: a * sign(&mut random) };
         let target = q60(3.9 * random.signed());
-        for plan in [
-            to_position(state, target, l),
-            to_velocity(state, target >> random.below(60), l),
-        ] {
+        for plan in [to_position(state, target, l), to_velocity(state, target >> random.below(60), l)] {
             if let Ok(profile) = plan {
                 planned += 1;
                 check(&profile, state, l);

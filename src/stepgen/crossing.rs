@@ -24,10 +24,7 @@ pub(super) struct Crossings {
 
 impl Crossings {
     /// Faster than any timing allows: all steps at once.
-    const TOO_FAST: Crossings = Crossings {
-        first: 0,
-        period: 0,
-    };
+    const TOO_FAST: Crossings = Crossings { first: 0, period: 0 };
 
     /// The steps on the way between two positions in Q32.32 steps; `due`, not zero, is the
     /// difference of their floors.
@@ -36,11 +33,7 @@ impl Crossings {
         let down = due >> 31;
         let distance = ((to.wrapping_sub(from) ^ i64::from(down)).wrapping_sub(down.into())) as u64;
         let before = from as u32 ^ !down as u32;
-        if due.wrapping_abs() == 1 {
-            lone(before, distance)
-        } else {
-            several(before, distance)
-        }
+        if due.wrapping_abs() == 1 { lone(before, distance) } else { several(before, distance) }
     }
 
     /// Calls `put` with the time of each of the `count` steps; answers the time of the last.
@@ -75,10 +68,7 @@ fn lone(before: u32, distance: u64) -> Crossings {
     // Normalised so that 16 bits of the divisor are worth 16 bits of the quotient.
     let (before, distance) = if distance >> 32 != 0 {
         // One less, for the bit that the divisor loses.
-        (
-            before.saturating_sub(1) >> 1,
-            (distance >> 1) as u32 | 1 << 31,
-        )
+        (before.saturating_sub(1) >> 1, (distance >> 1) as u32 | 1 << 31)
     } else {
         let shift = (distance as u32).leading_zeros() & 31;
         (before << shift, (distance as u32) << shift)
@@ -89,10 +79,7 @@ fn lone(before: u32, distance: u64) -> Crossings {
     // Below 3 * 2^32, and never negative.
     let rest = (u64::from(before) << 16).wrapping_sub(u64::from(high) * u64::from(distance));
     let low = ((rest >> 2) as u32) / divisor;
-    Crossings {
-        first: (high << 16).wrapping_add(low << 2),
-        period: u32::MAX,
-    }
+    Crossings { first: (high << 16).wrapping_add(low << 2), period: u32::MAX }
 }
 
 /// Two steps or more: the period is 2^64 / distance, with `distance > 2^32`.
@@ -110,10 +97,7 @@ fn several(before: u32, distance: u64) -> Crossings {
     let error = error.wrapping_add(multiply_high(error, error) >> 12);
     let correction = (u64::from(estimate) * u64::from(error)) >> 31;
     let period = (estimate << 13).wrapping_add(correction as u32);
-    Crossings {
-        first: multiply_high(before, period),
-        period,
-    }
+    Crossings { first: multiply_high(before, period), period }
 }
 
 /// Upper half of the product: one UMULL.

@@ -6,6 +6,7 @@
 mod crossing;
 pub mod pins;
 pub mod played;
+mod rest;
 pub mod segment;
 pub mod timing;
 

@@ -23,13 +23,9 @@ impl Levels {
     /// The levels after one more word: a set bit wins over a reset bit.
     #[must_use]
     pub fn after(self, line: &Line, word: u32) -> Levels {
-        let level = |bit: u32, before: bool| {
-            word & bit != 0 || (before && word & super::pins::reset(bit) == 0)
-        };
-        Levels {
-            step: level(line.step, self.step),
-            dir: level(line.dir, self.dir),
-        }
+        let level =
+            |bit: u32, before: bool| word & bit != 0 || (before && word & super::pins::reset(bit) == 0);
+        Levels { step: level(line.step, self.step), dir: level(line.dir, self.dir) }
     }
 
     /// The step that a rising edge makes at this level of DIR.
@@ -54,10 +50,7 @@ pub struct Played {
 impl Played {
     /// Replays `words` onto the lines of one motor, which begin at the levels `start`.
     pub fn replay(words: &[u32], line: &Line, start: Levels) -> Played {
-        let mut played = Played {
-            levels: start,
-            ..Played::default()
-        };
+        let mut played = Played { levels: start, ..Played::default() };
         for (index, &word) in (0..).zip(words) {
             let before = played.levels;
             let after = before.after(line, word);
@@ -88,21 +81,8 @@ impl Emitter {
     /// The steps are those played, a waiting step is dropped, DIR is as on the line. Low, set-up and
     /// hold times reach back to the last edges played or, if there are none, to those before.
     #[must_use]
-    pub fn after_abort(
-        start: &Emitter,
-        line: &Line,
-        words: &[u32],
-        base: u32,
-        resume: u32,
-    ) -> Emitter {
-        let played = Played::replay(
-            words,
-            line,
-            Levels {
-                step: false,
-                dir: start.dir,
-            },
-        );
+    pub fn after_abort(start: &Emitter, line: &Line, words: &[u32], base: u32, resume: u32) -> Emitter {
+        let played = Played::replay(words, line, Levels { step: false, dir: start.dir });
         // The first word on resuming may be what lowers the line: a low time must follow it.
         let mut next_rise = later(start.next_rise, resume.wrapping_add(line.grid));
         let mut next_turn = start.next_turn;

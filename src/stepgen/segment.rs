@@ -51,13 +51,7 @@ impl Emitter {
     /// An emitter that stands at `steps` at tick `base`, with its DIR line at level `dir`, which has
     /// been steady for the set-up time, and its STEP line low.
     pub fn at(steps: i32, dir: bool, base: u32) -> Emitter {
-        Emitter {
-            emitted: steps,
-            waiting: 0,
-            dir,
-            next_rise: base,
-            next_turn: base,
-        }
+        Emitter { emitted: steps, waiting: 0, dir, next_rise: base, next_turn: base }
     }
 
     /// Steps emitted, signed; wraps.
@@ -84,16 +78,7 @@ impl Emitter {
         let due = ((to >> 32) as i32).wrapping_sub((from >> 32) as i32);
         if due == 0 {
             if self.waiting != 0 {
-                self.detour(
-                    line,
-                    Crossings {
-                        first: 0,
-                        period: 0,
-                    },
-                    0,
-                    base,
-                    words,
-                );
+                self.detour(line, Crossings { first: 0, period: 0 }, 0, base, words);
             } else if base.wrapping_sub(self.next_rise) as i32 > 1 << 30 {
                 self.forget(base);
             }
@@ -128,14 +113,7 @@ impl Emitter {
     /// Everything unusual: a turn, a step that waits, a border too near, motion too fast.
     #[inline(never)]
     #[cold]
-    fn detour(
-        &mut self,
-        line: &Line,
-        crossings: Crossings,
-        due: i32,
-        base: u32,
-        words: &mut Words,
-    ) {
+    fn detour(&mut self, line: &Line, crossings: Crossings, due: i32, base: u32, words: &mut Words) {
         let before = self.waiting;
         let owed = before.wrapping_add(due);
         self.waiting = owed;
@@ -159,23 +137,13 @@ impl Emitter {
         // The crossings of this segment that no waiting step cancelled are the last of those owed;
         // what comes before them is due at once.
         let left = owed.unsigned_abs();
-        let fresh = if (due ^ owed) < 0 {
-            0
-        } else {
-            left.min(due.unsigned_abs())
-        };
+        let fresh = if (due ^ owed) < 0 { 0 } else { left.min(due.unsigned_abs()) };
         let cancelled = due.unsigned_abs().wrapping_sub(fresh);
         let mut late = left.wrapping_sub(fresh);
-        let mut time = crossings
-            .first
-            .wrapping_add(crossings.period.wrapping_mul(cancelled));
+        let mut time = crossings.first.wrapping_add(crossings.period.wrapping_mul(cancelled));
         let one = if owed > 0 { 1 } else { -1 };
         while self.waiting != 0 {
-            let tick = if late > 0 {
-                0
-            } else {
-                line.on_grid(time >> 25)
-            };
+            let tick = if late > 0 { 0 } else { line.on_grid(time >> 25) };
             let tick = tick.max(line.on_grid(ready + line.grid - 1));
             let Some(word) = words.get_mut(tick as usize) else {
                 return;

@@ -24,12 +24,7 @@ pub struct MotorTiming {
 
 impl Default for MotorTiming {
     fn default() -> Self {
-        MotorTiming {
-            high_ns: 1_000,
-            low_ns: 1_000,
-            setup_ns: 2_500,
-            hold_ns: 2_500,
-        }
+        MotorTiming { high_ns: 1_000, low_ns: 1_000, setup_ns: 2_500, hold_ns: 2_500 }
     }
 }
 
@@ -78,21 +73,9 @@ impl Timing {
     /// STEP is high.
     pub fn new(motors: [MotorTiming; AXES]) -> Option<Timing> {
         let ticks = |ns: u32| ns.div_ceil(TICK_NS).max(1);
-        let longest = motors
-            .iter()
-            .map(|m| ticks(m.high_ns.max(m.low_ns)))
-            .max()?;
-        let grid = longest
-            .checked_next_power_of_two()
-            .filter(|&grid| grid <= MAX_GRID)?;
-        let blank = Line {
-            step: 0,
-            dir: 0,
-            inverted: false,
-            grid,
-            setup: 0,
-            hold: 0,
-        };
+        let longest = motors.iter().map(|m| ticks(m.high_ns.max(m.low_ns))).max()?;
+        let grid = longest.checked_next_power_of_two().filter(|&grid| grid <= MAX_GRID)?;
+        let blank = Line { step: 0, dir: 0, inverted: false, grid, setup: 0, hold: 0 };
         let mut lines = [blank; AXES];
         let pins = STEP_PINS.iter().zip(&DIR_PINS);
         for ((line, motor), (&step, &dir)) in lines.iter_mut().zip(&motors).zip(pins) {
@@ -154,9 +137,6 @@ impl Default for Timing {
             setup: 3,
             hold: 3,
         };
-        Timing {
-            grid: 1,
-            lines: [line(0), line(1), line(2), line(3), line(4), line(5)],
-        }
+        Timing { grid: 1, lines: [line(0), line(1), line(2), line(3), line(4), line(5)] }
     }
 }

@@ -40,14 +40,7 @@ pub enum Axis {
 
 impl Axis {
     /// All axes in the order of every array of six.
-    pub const ALL: [Axis; AXES] = [
-        Axis::X,
-        Axis::Y,
-        Axis::Z,
-        Axis::Alpha,
-        Axis::Beta,
-        Axis::Gamma,
-    ];
+    pub const ALL: [Axis; AXES] = [Axis::X, Axis::Y, Axis::Z, Axis::Alpha, Axis::Beta, Axis::Gamma];
     /// The linear axes.
     pub const LINEAR: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
     /// The rotary axes.

@@ -20,15 +20,7 @@ const COUPLING_LIMIT: f64 = i32::MAX as f64;
 /// Rounds a value that has to fit its field.
 fn rounded(name: impl Fn() -> String, value: f64, limit: f64) -> Result<i64, Refusal> {
     let whole = value.round();
-    if whole.abs() <= limit {
-        Ok(whole as i64)
-    } else {
-        Err(Refusal::Range {
-            name: name(),
-            value,
-            limit,
-        })
-    }
+    if whole.abs() <= limit { Ok(whole as i64) } else { Err(Refusal::Range { name: name(), value, limit }) }
 }
 
 fn small(name: impl Fn() -> String, value: f64, limit: f64) -> Result<i32, Refusal> {
@@ -53,11 +45,7 @@ fn rows<const C: usize>(
     let mut out = [[0; C]; 3];
     for (i, row) in out.iter_mut().enumerate() {
         for (j, entry) in row.iter_mut().enumerate() {
-            *entry = small(
-                || format!("{name}[{i}][{j}]"),
-                value(i, j) * scale(i),
-                limit,
-            )?;
+            *entry = small(|| format!("{name}[{i}][{j}]"), value(i, j) * scale(i), limit)?;
         }
     }
     Ok(out)
@@ -69,19 +57,10 @@ fn motor(axis: Axis, drive: &Drive) -> Result<MotorData, Refusal> {
     let end = |value| small(field("travel"), value, f64::from(COORDINATE_LIMIT));
     // A limit is not rounded up; a millionth forgives the binary form of a decimal number.
     let rate = |name, value: f64, bits: i32| {
-        rounded(
-            field(name),
-            (value + 1e-6).floor().max(1.0),
-            2f64.powi(bits),
-        )
-        .map(|whole| whole as u64)
+        rounded(field(name), (value + 1e-6).floor().max(1.0), 2f64.powi(bits)).map(|whole| whole as u64)
     };
     // f64::round rounds halves away from zero, as the block demands.
-    let backlash = rounded(
-        field("backlash"),
-        drive.backlash / drive.step,
-        2f64.powi(20),
-    )?;
+    let backlash = rounded(field("backlash"), drive.backlash / drive.step, 2f64.powi(20))?;
     Ok(MotorData {
         step_q32,
         row_bits: row_bits(step_q32),
@@ -95,11 +74,7 @@ fn motor(axis: Axis, drive: &Drive) -> Result<MotorData, Refusal> {
 }
 
 /// The block of a machine whose law is `exact`.
-pub(super) fn quantise(
-    machine: &Machine,
-    chain: &Chain,
-    exact: &Law,
-) -> Result<Calibration, Refusal> {
+pub(super) fn quantise(machine: &Machine, chain: &Chain, exact: &Law) -> Result<Calibration, Refusal> {
     let mut name = [0; 16];
     name[..machine.name.len()].copy_from_slice(machine.name.as_bytes());
     let mut motors = [motor(Axis::X, &machine.drives[0])?; AXES];
@@ -109,17 +84,9 @@ pub(super) fn quantise(
     let per_step = |i: usize| 2f64.powi(i32::from(motors[i].row_bits)) / machine.drives[i].step;
     let mut rotary_gain = [0; 3];
     for (i, gain) in rotary_gain.iter_mut().enumerate() {
-        *gain = small(
-            || format!("rotary_gain[{i}]"),
-            per_step(i + 3),
-            COUPLING_LIMIT,
-        )?;
+        *gain = small(|| format!("rotary_gain[{i}]"), per_step(i + 3), COUPLING_LIMIT)?;
     }
-    let mut screws = [ScrewAxis {
-        axis: Axis::Alpha,
-        direction: [0; 3],
-        point: [0; 3],
-    }; 3];
+    let mut screws = [ScrewAxis { axis: Axis::Alpha, direction: [0; 3], point: [0; 3] }; 3];
     for (out, screw) in screws.iter_mut().zip(&exact.screws) {
         let name = screw.axis.name();
         *out = ScrewAxis {
@@ -135,20 +102,10 @@ pub(super) fn quantise(
         name,
         order: machine.order,
         motors,
-        inverse_slides: rows(
-            "inverse_slides",
-            |i, j| slides[(i, j)],
-            per_step,
-            COUPLING_LIMIT,
-        )?,
+        inverse_slides: rows("inverse_slides", |i, j| slides[(i, j)], per_step, COUPLING_LIMIT)?,
         rotary_gain,
         tilt: rows("tilt", |i, j| tilt[(i, j)], |_| Q32, SMALL)?,
-        second_order: rows(
-            "second_order",
-            |i, j| exact.second_order[(i, j)],
-            |_| SECOND_ORDER,
-            SMALL,
-        )?,
+        second_order: rows("second_order", |i, j| exact.second_order[(i, j)], |_| SECOND_ORDER, SMALL)?,
         screws,
         home_rotation: rows("home_rotation", |i, j| rotation[(i, j)], |_| Q30, Q30)?,
         home_origin: vector("home_origin", chain.home_origin(), PER_NM)?,

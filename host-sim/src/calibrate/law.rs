@@ -39,19 +39,9 @@ impl Law {
         let tip_to_base = [machine.order[5], machine.order[4], machine.order[3]];
         let screws = tip_to_base.map(|axis| {
             let screw = screws[axis.index() - 3];
-            Screw {
-                point: screw.nearest(fibre_home),
-                ..screw
-            }
+            Screw { point: screw.nearest(fibre_home), ..screw }
         });
-        Law {
-            inverse_slides,
-            inverse_axes,
-            second_order,
-            rotary_gain: [1.0; 3],
-            screws,
-            fibre_home,
-        }
+        Law { inverse_slides, inverse_axes, second_order, rotary_gain: [1.0; 3], screws, fibre_home }
     }
 
     /// The law as a block holds it. `steps`: true step sizes in nm and nrad.
@@ -76,8 +66,7 @@ impl Law {
                 direction: vector(s.direction, unit_q30),
                 point: vector(s.point, 0.0625),
             }),
-            fibre_home: vector(block.home_origin, 0.0625)
-                + rotation * vector(block.fibre_point, 0.0625),
+            fibre_home: vector(block.home_origin, 0.0625) + rotation * vector(block.fibre_point, 0.0625),
         }
     }
 

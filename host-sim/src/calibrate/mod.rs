@@ -88,19 +88,11 @@ pub fn calibrate(machine: &Machine) -> Result<(Calibration, Report), Refusal> {
     let chain = Chain::new(machine);
     let lever = largest_lever(&chain)?;
     let travel = angular_travel(machine);
-    let tilt = chain
-        .axes_matrix()
-        .try_inverse()
-        .ok_or(Refusal::Degenerate("rotary"))?;
-    let slides = chain
-        .slides_matrix()
-        .try_inverse()
-        .ok_or(Refusal::Degenerate("linear"))?;
+    let tilt = chain.axes_matrix().try_inverse().ok_or(Refusal::Degenerate("rotary"))?;
+    let slides = chain.slides_matrix().try_inverse().ok_or(Refusal::Degenerate("linear"))?;
     let fit = fit(&chain, &tilt, travel).ok_or(Refusal::Degenerate("rotary"))?;
     if fit.residual_urad > ORIENTATION_LIMIT_URAD {
-        return Err(Refusal::Orientation {
-            urad: fit.residual_urad,
-        });
+        return Err(Refusal::Orientation { urad: fit.residual_urad });
     }
     let exact = Law::new(machine, &chain, slides, tilt, fit.coefficients);
     let calibration = block::quantise(machine, &chain, &exact)?;
@@ -114,10 +106,7 @@ fn check_order(machine: &Machine) -> Result<(), Refusal> {
         match carrier {
             _ if axis.is_rotary() => carrier = carrier.or(Some(axis)),
             Some(rotary) => {
-                return Err(Refusal::Topology {
-                    linear: axis,
-                    rotary,
-                });
+                return Err(Refusal::Topology { linear: axis, rotary });
             }
             None => {}
         }
@@ -143,10 +132,7 @@ fn largest_lever(chain: &Chain) -> Result<(Axis, f64), Refusal> {
     for screw in chain.screws() {
         let lever = (fibre - screw.nearest(fibre)).norm();
         if lever > LEVER_LIMIT_NM {
-            return Err(Refusal::Lever {
-                axis: screw.axis,
-                mm: lever * 1e-6,
-            });
+            return Err(Refusal::Lever { axis: screw.axis, mm: lever * 1e-6 });
         }
         if lever >= largest.1 {
             largest = (screw.axis, lever);

@@ -84,20 +84,13 @@ fn quantisation(machine: &Machine, exact: &Law, block: &Calibration) -> [f64; AX
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "machine {}: {}", self.machine, self.order.join(" -> "))?;
-        writeln!(
-            f,
-            "largest lever: {:.3} mm from the {} axis",
-            self.lever_mm, self.lever_axis
-        )?;
+        writeln!(f, "largest lever: {:.3} mm from the {} axis", self.lever_mm, self.lever_axis)?;
         writeln!(
             f,
             "orientation residual over the travel: {:.3} urad (without the second-order term {:.3} urad)",
             self.orientation_residual_urad, self.linear_orientation_residual_urad
         )?;
-        writeln!(
-            f,
-            "motor  rounding of coefficients  backlash          left uncorrected"
-        )?;
+        writeln!(f, "motor  rounding of coefficients  backlash          left uncorrected")?;
         for axis in Axis::ALL {
             let i = axis.index();
             let unit = if axis.is_rotary() { "nrad" } else { "nm" };

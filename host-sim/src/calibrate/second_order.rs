@@ -37,13 +37,7 @@ pub fn fit(chain: &Chain, inverse_axes: &Matrix3<f64>, travel: [[f64; 2]; 3]) ->
         .map(|a| Point::new(chain, inverse_axes, a))
         .collect::<Option<_>>()?;
     let coefficients = solve(&points)?;
-    let largest = |term: &SecondOrder| {
-        points
-            .iter()
-            .map(|p| p.error(chain, term))
-            .fold(0.0, f64::max)
-            * 1e6
-    };
+    let largest = |term: &SecondOrder| points.iter().map(|p| p.error(chain, term)).fold(0.0, f64::max) * 1e6;
     Some(Fit {
         coefficients,
         residual_urad: largest(&coefficients),
@@ -60,11 +54,7 @@ pub fn orientation_residual(
     actuator_angles: impl Fn([f64; 3]) -> [f64; 3],
 ) -> f64 {
     let error = |a| rotation_between(chain, a, actuator_angles(a));
-    grid(travel, points)
-        .into_iter()
-        .map(error)
-        .fold(0.0, f64::max)
-        * 1e6
+    grid(travel, points).into_iter().map(error).fold(0.0, f64::max) * 1e6
 }
 
 /// One grid point: the products and what W⁻¹a leaves of the exact actuator angles.
@@ -79,20 +69,11 @@ impl Point {
     fn new(chain: &Chain, inverse_axes: &Matrix3<f64>, logical: [f64; 3]) -> Option<Self> {
         let linear = inverse_axes * Vector3::from(logical);
         let rest = Vector3::from(chain.actuator_angles(logical)?) - linear;
-        Some(Point {
-            logical,
-            linear,
-            products: products(logical),
-            rest,
-        })
+        Some(Point { logical, linear, products: products(logical), rest })
     }
 
     fn error(&self, chain: &Chain, coefficients: &SecondOrder) -> f64 {
-        rotation_between(
-            chain,
-            self.logical,
-            (self.linear + coefficients * self.products).into(),
-        )
+        rotation_between(chain, self.logical, (self.linear + coefficients * self.products).into())
     }
 }
 
@@ -108,27 +89,19 @@ fn solve(points: &[Point]) -> Option<SecondOrder> {
         right += point.products * point.rest.transpose();
     }
     // Products of small angles: scaled to a unit diagonal before they are solved.
-    let scale = normal
-        .diagonal()
-        .map(|d| if d > 0.0 { d.sqrt().recip() } else { 0.0 });
+    let scale = normal.diagonal().map(|d| if d > 0.0 { d.sqrt().recip() } else { 0.0 });
     let scale = SMatrix::<f64, 6, 6>::from_diagonal(&scale);
     let svd = (scale * normal * scale).svd(true, true);
     Some((scale * svd.solve(&(scale * right), 1e-12).ok()?).transpose())
 }
 
 fn grid(travel: [[f64; 2]; 3], points: usize) -> Vec<[f64; 3]> {
-    let along = |[lower, upper]: [f64; 2], i: usize| {
-        lower + (upper - lower) * i as f64 / (points - 1) as f64
-    };
+    let along = |[lower, upper]: [f64; 2], i: usize| lower + (upper - lower) * i as f64 / (points - 1) as f64;
     let mut all = Vec::with_capacity(points.pow(3));
     for i in 0..points {
         for j in 0..points {
             for k in 0..points {
-                all.push([
-                    along(travel[0], i),
-                    along(travel[1], j),
-                    along(travel[2], k),
-                ]);
+                all.push([along(travel[0], i), along(travel[1], j), along(travel[2], k)]);
             }
         }
     }

@@ -22,23 +22,14 @@ pub struct Args {
 impl Args {
     pub(super) fn run(self) -> Result<(), Failure> {
         let machine = load(&self.machine)?;
-        let named =
-            |reason: String| Failure::Refused(format!("{}: {reason}", self.machine.display()));
-        let (calibration, report) =
-            calibrate(&machine).map_err(|refusal| named(refusal.to_string()))?;
+        let named = |reason: String| Failure::Refused(format!("{}: {reason}", self.machine.display()));
+        let (calibration, report) = calibrate(&machine).map_err(|refusal| named(refusal.to_string()))?;
         let mut block = [0; BLOCK_CAPACITY];
-        let length = calibration
-            .encode(&mut block)
-            .expect("a block fits its capacity");
-        std::fs::write(&self.output, &block[..length]).map_err(|source| Failure::Io {
-            path: self.output.display().to_string(),
-            source,
-        })?;
+        let length = calibration.encode(&mut block).expect("a block fits its capacity");
+        std::fs::write(&self.output, &block[..length])
+            .map_err(|source| Failure::Io { path: self.output.display().to_string(), source })?;
         if self.json {
-            println!(
-                "{}",
-                serde_json::to_string_pretty(&report).expect("a report is plain data")
-            );
+            println!("{}", serde_json::to_string_pretty(&report).expect("a report is plain data"));
         } else {
             println!("{report}");
             println!("{} bytes written to {}", length, self.output.display());

@@ -1,8 +1,7 @@
 //! The keys and units of a machine file, and the checks of its values.
 
 use super::{
-    Drive, LARGEST_STATIC, Machine, MachineError, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING,
-    StaticErrors,
+    Drive, LARGEST_STATIC, Machine, MachineError, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING, StaticErrors,
 };
 use serde::Deserialize;
 use stage_controller::units::{AXES, Axis};
@@ -81,88 +80,40 @@ struct Written {
 
 impl Written {
     fn linear(axis: Axis, s: &LinearStage) -> Self {
-        let rates = [
-            s.max_velocity_um_s,
-            s.max_acceleration_um_s2,
-            s.max_jerk_um_s3,
-        ];
-        Written {
-            axis,
-            step: s.step_nm,
-            backlash: s.backlash_nm,
-            travel: s.travel_um,
-            rates,
-        }
+        let rates = [s.max_velocity_um_s, s.max_acceleration_um_s2, s.max_jerk_um_s3];
+        Written { axis, step: s.step_nm, backlash: s.backlash_nm, travel: s.travel_um, rates }
     }
 
     fn rotary(axis: Axis, s: &RotaryStage) -> Self {
-        let rates = [
-            s.max_velocity_deg_s,
-            s.max_acceleration_deg_s2,
-            s.max_jerk_deg_s3,
-        ];
-        Written {
-            axis,
-            step: s.step_nrad,
-            backlash: s.backlash_nrad,
-            travel: s.travel_deg,
-            rates,
-        }
+        let rates = [s.max_velocity_deg_s, s.max_acceleration_deg_s2, s.max_jerk_deg_s3];
+        Written { axis, step: s.step_nrad, backlash: s.backlash_nrad, travel: s.travel_deg, rates }
     }
 
     fn key(&self, quantity: &str, per: &str) -> String {
-        let (fine, coarse) = if self.axis.is_rotary() {
-            ("nrad", "deg")
-        } else {
-            ("nm", "um")
-        };
-        let unit = if matches!(quantity, "step" | "backlash") {
-            fine
-        } else {
-            coarse
-        };
+        let (fine, coarse) = if self.axis.is_rotary() { ("nrad", "deg") } else { ("nm", "um") };
+        let unit = if matches!(quantity, "step" | "backlash") { fine } else { coarse };
         format!("axes.{}.{quantity}_{unit}{per}", self.axis.name())
     }
 
     fn check(&self) -> Result<Drive, MachineError> {
-        let scale = if self.axis.is_rotary() {
-            NRAD_PER_DEG
-        } else {
-            1e3
-        };
+        let scale = if self.axis.is_rotary() { NRAD_PER_DEG } else { 1e3 };
         if !(SMALLEST_STEP..STEP_LIMIT).contains(&self.step) {
             let reason = format!("a step must be at least {SMALLEST_STEP} and below {STEP_LIMIT}");
             return Err(MachineError::value(self.key("step", ""), self.step, reason));
         }
         if !(self.backlash.is_finite() && self.backlash >= 0.0) {
             let reason = "a backlash must be zero or positive";
-            return Err(MachineError::value(
-                self.key("backlash", ""),
-                self.backlash,
-                reason,
-            ));
+            return Err(MachineError::value(self.key("backlash", ""), self.backlash, reason));
         }
         let [lower, upper] = self.travel;
         if !(lower.is_finite() && upper.is_finite() && lower < upper) {
             let reason = "the lower end of the travel must be below the upper";
-            return Err(MachineError::value(
-                self.key("travel", ""),
-                format!("[{lower}, {upper}]"),
-                reason,
-            ));
+            return Err(MachineError::value(self.key("travel", ""), format!("[{lower}, {upper}]"), reason));
         }
-        let names = [
-            ("max_velocity", "_s"),
-            ("max_acceleration", "_s2"),
-            ("max_jerk", "_s3"),
-        ];
+        let names = [("max_velocity", "_s"), ("max_acceleration", "_s2"), ("max_jerk", "_s3")];
         for ((quantity, per), rate) in names.into_iter().zip(self.rates) {
             if !(rate.is_finite() && rate > 0.0) {
-                return Err(MachineError::value(
-                    self.key(quantity, per),
-                    rate,
-                    "a rate must be positive",
-                ));
+                return Err(MachineError::value(self.key(quantity, per), rate, "a rate must be positive"));
             }
         }
         let [velocity, acceleration, jerk] = self.rates.map(|rate| rate * scale);
@@ -172,21 +123,10 @@ impl Written {
                 "needs {step_rate:.0} steps/s of motor {}, at most {STEP_RATE_CEILING}",
                 self.axis.name()
             );
-            return Err(MachineError::value(
-                self.key("max_velocity", "_s"),
-                self.rates[0],
-                reason,
-            ));
+            return Err(MachineError::value(self.key("max_velocity", "_s"), self.rates[0], reason));
         }
         let travel = [lower * scale, upper * scale];
-        Ok(Drive {
-            step: self.step,
-            backlash: self.backlash,
-            travel,
-            velocity,
-            acceleration,
-            jerk,
-        })
+        Ok(Drive { step: self.step, backlash: self.backlash, travel, velocity, acceleration, jerk })
     }
 }
 
@@ -197,49 +137,27 @@ impl TryFrom<MachineFile> for Machine {
         let printable = file.name.bytes().all(|b| b.is_ascii_graphic() || b == b' ');
         if file.name.is_empty() || file.name.len() > 16 || !printable {
             let reason = "a name has 1 to 16 printable ASCII characters";
-            return Err(MachineError::value(
-                "name",
-                format!("{:?}", file.name),
-                reason,
-            ));
+            return Err(MachineError::value("name", format!("{:?}", file.name), reason));
         }
         let order = parse_order(&file.order)?;
         let position = |key: &str, um: [f64; 3]| {
             if um.iter().all(|v| v.is_finite()) {
                 Ok(um.map(|v| v * 1e3))
             } else {
-                Err(MachineError::value(
-                    key,
-                    format!("{um:?}"),
-                    "a position must be finite",
-                ))
+                Err(MachineError::value(key, format!("{um:?}"), "a position must be finite"))
             }
         };
         let offsets = &file.axis_offset_um;
-        let written = [
-            offsets.X,
-            offsets.Y,
-            offsets.Z,
-            offsets.alpha,
-            offsets.beta,
-            offsets.gamma,
-        ];
+        let written = [offsets.X, offsets.Y, offsets.Z, offsets.alpha, offsets.beta, offsets.gamma];
         let mut axis_offset_nm = [[0.0; 3]; AXES];
         for axis in Axis::ALL {
             let key = format!("axis_offset_um.{}", axis.name());
             axis_offset_nm[axis.index()] = position(&key, written[axis.index()])?;
         }
-        for (name, value) in StaticErrors::NAMES
-            .into_iter()
-            .zip(file.static_rad.values())
-        {
+        for (name, value) in StaticErrors::NAMES.into_iter().zip(file.static_rad.values()) {
             if !(-LARGEST_STATIC..=LARGEST_STATIC).contains(&value) {
                 let reason = format!("a static error is at most {LARGEST_STATIC} rad");
-                return Err(MachineError::value(
-                    format!("static_rad.{name}"),
-                    value,
-                    reason,
-                ));
+                return Err(MachineError::value(format!("static_rad.{name}"), value, reason));
             }
         }
         let stages = &file.axes;
@@ -267,14 +185,12 @@ fn parse_order(written: &[String]) -> Result<[Axis; AXES], MachineError> {
     let mut order = Vec::with_capacity(AXES);
     for name in written {
         let known = Axis::ALL.into_iter().find(|axis| axis.name() == name);
-        let axis = known
-            .ok_or_else(|| refused(&format!("{name:?} is none of X, Y, Z, alpha, beta, gamma")))?;
+        let axis =
+            known.ok_or_else(|| refused(&format!("{name:?} is none of X, Y, Z, alpha, beta, gamma")))?;
         if order.contains(&axis) {
             return Err(refused(&format!("{name} is named twice")));
         }
         order.push(axis);
     }
-    order
-        .try_into()
-        .map_err(|_| refused("all six axes must be named"))
+    order.try_into().map_err(|_| refused("all six axes must be named"))
 }

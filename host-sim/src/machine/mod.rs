@@ -54,11 +54,7 @@ pub enum MachineError {
 
 impl MachineError {
     fn value(key: impl Into<String>, value: impl ToString, reason: impl Into<String>) -> Self {
-        MachineError::Value {
-            key: key.into(),
-            value: value.to_string(),
-            reason: reason.into(),
-        }
+        MachineError::Value { key: key.into(), value: value.to_string(), reason: reason.into() }
     }
 }
 
@@ -89,10 +85,8 @@ pub struct StaticErrors {
 
 impl StaticErrors {
     /// Names in machine files, in the order of [`StaticErrors::values`].
-    pub const NAMES: [&'static str; 9] = [
-        "S_ZX", "S_ZY", "S_XY", "ex_gamma", "ey_gamma", "ex_beta", "ez_beta", "ey_alpha",
-        "ez_alpha",
-    ];
+    pub const NAMES: [&'static str; 9] =
+        ["S_ZX", "S_ZY", "S_XY", "ex_gamma", "ey_gamma", "ex_beta", "ez_beta", "ey_alpha", "ez_alpha"];
 
     /// The nine values in radians.
     pub fn values(&self) -> [f64; 9] {
@@ -165,10 +159,8 @@ impl Machine {
     /// # Errors
     /// When the file cannot be read, parsed or believed.
     pub fn load(path: &Path) -> Result<Self, MachineError> {
-        let text = std::fs::read_to_string(path).map_err(|source| MachineError::Read {
-            path: path.display().to_string(),
-            source,
-        })?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| MachineError::Read { path: path.display().to_string(), source })?;
         Self::parse(&text)
     }
 

@@ -72,11 +72,7 @@ impl Chain {
             home_rotation: Matrix3::identity(),
             home_origin: Vector3::zeros(),
             slides: [Vector3::zeros(); 3],
-            screws: [Screw {
-                axis: Axis::Alpha,
-                direction: Vector3::zeros(),
-                point: Vector3::zeros(),
-            }; 3],
+            screws: [Screw { axis: Axis::Alpha, direction: Vector3::zeros(), point: Vector3::zeros() }; 3],
         };
         let home = chain.place([0.0; 3], [0.0; 3]);
         chain.home_rotation = home.rotation;
@@ -84,11 +80,7 @@ impl Chain {
         chain.slides = std::array::from_fn(|i| home.stages[i].0);
         chain.screws = std::array::from_fn(|i| {
             let (direction, point) = home.stages[i + 3];
-            Screw {
-                axis: Axis::ROTARY[i],
-                direction,
-                point,
-            }
+            Screw { axis: Axis::ROTARY[i], direction, point }
         });
         chain
     }
@@ -110,11 +102,7 @@ impl Chain {
                 origin += along * lengths[index];
             }
         }
-        Placement {
-            rotation,
-            origin,
-            stages,
-        }
+        Placement { rotation, origin, stages }
     }
 
     /// Pose of the fibre point for given actuators (nm and nrad, axis order): displacement of F in chip
@@ -123,17 +111,8 @@ impl Chain {
         let [x, y, z, a, b, g] = actuators;
         let at = self.place([x, y, z], [a * 1e-9, b * 1e-9, g * 1e-9]);
         let moved = at.origin + at.rotation * self.fibre - self.fibre_home();
-        let angles = self
-            .euler
-            .decompose(&(at.rotation * self.home_rotation.transpose()));
-        [
-            moved.x,
-            moved.y,
-            moved.z,
-            angles[0] * 1e9,
-            angles[1] * 1e9,
-            angles[2] * 1e9,
-        ]
+        let angles = self.euler.decompose(&(at.rotation * self.home_rotation.transpose()));
+        [moved.x, moved.y, moved.z, angles[0] * 1e9, angles[1] * 1e9, angles[2] * 1e9]
     }
 
     /// Actuators (nm and nrad) that bring F to a pose (nm and nrad): ERROR-MODEL 7.2 solved to the
@@ -144,17 +123,8 @@ impl Chain {
         let at = self.place([0.0; 3], angles);
         let wanted = self.fibre_home() + Vector3::new(x, y, z);
         let slides = Matrix3::from_columns(&[at.stages[0].0, at.stages[1].0, at.stages[2].0]);
-        let q = slides
-            .lu()
-            .solve(&(wanted - at.origin - at.rotation * self.fibre))?;
-        Some([
-            q.x,
-            q.y,
-            q.z,
-            angles[0] * 1e9,
-            angles[1] * 1e9,
-            angles[2] * 1e9,
-        ])
+        let q = slides.lu().solve(&(wanted - at.origin - at.rotation * self.fibre))?;
+        Some([q.x, q.y, q.z, angles[0] * 1e9, angles[1] * 1e9, angles[2] * 1e9])
     }
 
     /// Actuator angles (rad) whose orientation is that of the logical angles (rad): chord Newton.
@@ -220,11 +190,7 @@ fn static_vector(errors: &StaticErrors, upstream: &[Axis]) -> Vector3<f64> {
         return Vector3::zeros();
     };
     let square = |partner: Axis, error: f64| {
-        if before.contains(&partner) {
-            error
-        } else {
-            0.0
-        }
+        if before.contains(&partner) { error } else { 0.0 }
     };
     let e = errors;
     match axis {

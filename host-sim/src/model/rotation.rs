@@ -16,11 +16,7 @@ pub fn exp(v: Vector3<f64>) -> Matrix3<f64> {
 
 /// Half the antisymmetric part of a rotation: axis · sin θ, the rotation vector of a small rotation.
 pub fn vee(r: &Matrix3<f64>) -> Vector3<f64> {
-    0.5 * Vector3::new(
-        r[(2, 1)] - r[(1, 2)],
-        r[(0, 2)] - r[(2, 0)],
-        r[(1, 0)] - r[(0, 1)],
-    )
+    0.5 * Vector3::new(r[(2, 1)] - r[(1, 2)], r[(0, 2)] - r[(2, 0)], r[(1, 0)] - r[(0, 1)])
 }
 
 /// The meaning of the logical angles: the product of the ideal rotations in the machine's own rotary
@@ -34,14 +30,9 @@ pub struct Euler {
 impl Euler {
     /// From the machine's order; the linear axes in it are skipped.
     pub fn new(order: &[Axis]) -> Self {
-        let mut rotary = order
-            .iter()
-            .filter(|axis| axis.is_rotary())
-            .map(|axis| axis.index() - 3);
+        let mut rotary = order.iter().filter(|axis| axis.is_rotary()).map(|axis| axis.index() - 3);
         let mut next = || rotary.next().expect("an order holds three rotary axes");
-        Euler {
-            sequence: [next(), next(), next()],
-        }
+        Euler { sequence: [next(), next(), next()] }
     }
 
     /// Indices of the rotary axes from base to tip.
@@ -51,9 +42,7 @@ impl Euler {
 
     /// Orientation R* of the logical angles (alpha, beta, gamma) in radians.
     pub fn compose(&self, angles: [f64; 3]) -> Matrix3<f64> {
-        self.sequence.iter().fold(Matrix3::identity(), |r, &i| {
-            r * exp(Vector3::ith(i, angles[i]))
-        })
+        self.sequence.iter().fold(Matrix3::identity(), |r, &i| r * exp(Vector3::ith(i, angles[i])))
     }
 
     /// Logical angles (alpha, beta, gamma) in radians of an orientation; the middle one within ±90°.

@@ -30,10 +30,7 @@ const CHUNKS_PER_COUNT: usize = ((1 << LANE) - 1) / CHUNK;
 /// Edges of one word as counter increments, by bits 5–7 and 13–15 of the port.
 const LANES: [u64; 64] = lanes();
 
-const _: () = assert!(
-    STEP_MASK == 0xe0e0,
-    "the table of increments is made for PE5-7 and PE13-15"
-);
+const _: () = assert!(STEP_MASK == 0xe0e0, "the table of increments is made for PE5-7 and PE13-15");
 
 const fn mask(pins: [u32; AXES]) -> u32 {
     let (mut mask, mut i) = (0, 0);
@@ -78,9 +75,7 @@ impl Drive {
     fn turn(&mut self, steps: i32) {
         self.motor += steps;
         let motor = f64::from(self.motor);
-        self.driven = self
-            .driven
-            .clamp(motor - self.half_play, motor + self.half_play);
+        self.driven = self.driven.clamp(motor - self.half_play, motor + self.half_play);
     }
 }
 
@@ -109,11 +104,7 @@ impl Mechanics {
             steps: machine.drives.map(|drive| drive.step),
             drives: machine.drives.map(|drive| {
                 let half_play = 0.5 * drive.backlash / drive.step;
-                Drive {
-                    motor: 0,
-                    driven: -half_play,
-                    half_play,
-                }
+                Drive { motor: 0, driven: -half_play, half_play }
             }),
             inverted: inverted_lines,
             lines: 0,
@@ -171,11 +162,7 @@ impl Mechanics {
         for (motor, drive) in self.drives.iter_mut().enumerate() {
             let edges = (counts >> (LANE * motor as u32)) as i32 & ((1 << LANE) - 1);
             if edges != 0 {
-                drive.turn(if positive >> DIR_PINS[motor] & 1 == 1 {
-                    edges
-                } else {
-                    -edges
-                });
+                drive.turn(if positive >> DIR_PINS[motor] & 1 == 1 { edges } else { -edges });
             }
         }
     }

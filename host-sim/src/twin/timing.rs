@@ -76,13 +76,7 @@ pub struct Timing {
 impl Timing {
     /// All lines low, and low for long.
     pub fn new(limits: [Limits; AXES]) -> Self {
-        Timing {
-            limits,
-            edges: Default::default(),
-            violations: Default::default(),
-            lines: 0,
-            tick: 0,
-        }
+        Timing { limits, edges: Default::default(), violations: Default::default(), lines: 0, tick: 0 }
     }
 
     /// Checks words, one per tick.

@@ -33,10 +33,7 @@ fn an_abort_at_any_word_counts_what_was_played_and_goes_on_legally() {
             let resume = base.wrapping_add(played.len() as u32 + random.below(300) as u32);
             let emitter = Emitter::after_abort(&start, line, played, base, resume);
             assert_eq!(i64::from(emitter.emitted()), bench.decoder.position);
-            assert_eq!(
-                emitter.emitted(),
-                start.emitted() + edges(played, line, start.dir())
-            );
+            assert_eq!(emitter.emitted(), start.emitted() + edges(played, line, start.dir()));
             assert_eq!((emitter.dir(), emitter.waiting()), (bench.decoder.dir, 0));
             // The minimum high time passes at least.
             let idle = resume.wrapping_sub(base) - played.len() as u32;
@@ -53,10 +50,7 @@ fn levels_after_every_word_are_those_of_the_lines() {
     let random = &mut Random(11);
     let mut bench = Bench::new(DRIVERS[3], random);
     for advance in [5i64 << 32, -3 << 31, 7 << 32, -9 << 32] {
-        let start = Levels {
-            step: false,
-            dir: bench.emitter.dir(),
-        };
+        let start = Levels { step: false, dir: bench.emitter.dir() };
         bench.generate(advance);
         let line = &bench.timing.lines()[bench.motor];
         for k in 0..=SEGMENT_TICKS {
@@ -67,9 +61,6 @@ fn levels_after_every_word_are_those_of_the_lines() {
             }
             assert_eq!(played.levels, level);
         }
-        assert_eq!(
-            Played::replay(&bench.words, line, start).levels.dir,
-            bench.emitter.dir()
-        );
+        assert_eq!(Played::replay(&bench.words, line, start).levels.dir, bench.emitter.dir());
     }
 }

@@ -46,11 +46,7 @@ fn crossings_are_never_late_and_early_by_less_than_a_millionth_of_a_step() {
             1 => -((random.next() >> 50) as i64),
             _ => random.next() as i64 >> 8,
         };
-        let to = if random.below(2) == 0 {
-            from + advance
-        } else {
-            from - advance
-        };
+        let to = if random.below(2) == 0 { from + advance } else { from - advance };
         if to >> 32 != from >> 32 {
             let error = check(from, to);
             // A lone step's error counts at the fastest rate, whatever its own.
@@ -79,10 +75,7 @@ fn timing_covers_what_drivers_ask_for() {
     assert_eq!(grids, [1, 1, 2, 4, 8, 32]);
     let timing = Timing::new([MotorTiming::default(); AXES]).unwrap();
     assert_eq!(timing, Timing::default());
-    assert_eq!(
-        (timing.setup_ticks(), timing.hold_ticks()),
-        ([3; AXES], [3; AXES])
-    );
+    assert_eq!((timing.setup_ticks(), timing.hold_ticks()), ([3; AXES], [3; AXES]));
     assert_eq!(timing.max_step_rate(), 499_000);
     let mut mixed = [MotorTiming::default(); AXES];
     mixed[4].low_ns = 3_001;
@@ -92,10 +85,7 @@ fn timing_covers_what_drivers_ask_for() {
         mixed[4].low_ns = wrong;
         assert_eq!(Timing::new(mixed), None);
     }
-    mixed[4] = MotorTiming {
-        setup_ns: 128_001,
-        ..MotorTiming::default()
-    };
+    mixed[4] = MotorTiming { setup_ns: 128_001, ..MotorTiming::default() };
     assert_eq!(Timing::new(mixed), None);
 }
 
@@ -135,11 +125,7 @@ fn six_motors_share_the_words_without_disturbing_each_other() {
             }
         }
         assert_eq!(words, union);
-        assert!(
-            words
-                .iter()
-                .all(|word| word & !(RESET_STEPS | STEP_MASK | (DIR_MASK * 0x1_0001)) == 0)
-        );
+        assert!(words.iter().all(|word| word & !(RESET_STEPS | STEP_MASK | (DIR_MASK * 0x1_0001)) == 0));
         from = to;
     }
     assert_eq!(together, alone);

@@ -52,29 +52,17 @@ impl Decoder {
             assert!(!self.step, "a step merged into the one before");
         }
         if self.step && !step {
-            assert!(
-                since(self.rose_ns) >= i64::from(self.asks.high_ns),
-                "high time"
-            );
+            assert!(since(self.rose_ns) >= i64::from(self.asks.high_ns), "high time");
             self.fell_ns = self.now_ns;
         }
         if dir != self.dir {
             assert!(!step, "DIR changes while STEP is high");
-            assert!(
-                since(self.rose_ns) >= i64::from(self.asks.hold_ns),
-                "DIR hold time"
-            );
+            assert!(since(self.rose_ns) >= i64::from(self.asks.hold_ns), "DIR hold time");
             self.turned_ns = self.now_ns;
         }
         if step && !self.step {
-            assert!(
-                self.now_ns - self.fell_ns >= i64::from(self.asks.low_ns),
-                "low time"
-            );
-            assert!(
-                self.now_ns - self.turned_ns >= i64::from(self.asks.setup_ns),
-                "DIR set-up"
-            );
+            assert!(self.now_ns - self.fell_ns >= i64::from(self.asks.low_ns), "low time");
+            assert!(self.now_ns - self.turned_ns >= i64::from(self.asks.setup_ns), "DIR set-up");
             self.rose_ns = self.now_ns;
             self.position += if dir != self.inverted { 1 } else { -1 };
         }
@@ -98,13 +86,7 @@ impl RateRule {
     pub fn new(steps_per_second: u32, grid: u32) -> RateRule {
         let rate = i64::from(steps_per_second);
         let slack = 1_000_000 + rate * i64::from(grid - 1);
-        RateRule {
-            rate,
-            slack,
-            tick: 0,
-            lowest: 0,
-            highest: 0,
-        }
+        RateRule { rate, slack, tick: 0, lowest: 0, highest: 0 }
     }
 
     /// After each tick, with the count so far (zero before the first).
@@ -112,16 +94,8 @@ impl RateRule {
         self.tick += 1;
         let ahead = count * 1_000_000 - self.rate * self.tick;
         let behind = count * 1_000_000 + self.rate * self.tick;
-        assert!(
-            ahead - self.lowest <= self.slack,
-            "too many steps up by tick {}",
-            self.tick
-        );
-        assert!(
-            self.highest - behind <= self.slack,
-            "too many steps down by tick {}",
-            self.tick
-        );
+        assert!(ahead - self.lowest <= self.slack, "too many steps up by tick {}", self.tick);
+        assert!(self.highest - behind <= self.slack, "too many steps down by tick {}", self.tick);
         self.lowest = self.lowest.min(ahead);
         self.highest = self.highest.max(behind);
     }

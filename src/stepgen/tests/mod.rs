@@ -13,50 +13,16 @@ use crate::units::{AXES, SEGMENT_TICKS};
 use decoder::{Decoder, Random};
 
 /// Segments in a long run; debug builds only sample.
-const LONG_RUN: u32 = if cfg!(debug_assertions) {
-    20_000
-} else {
-    1_000_000
-};
+const LONG_RUN: u32 = if cfg!(debug_assertions) { 20_000 } else { 1_000_000 };
 
 /// Drivers with grids of 1, 2, 4, 8 and 32 ticks, and DIR times short and long.
 const DRIVERS: [MotorTiming; 6] = [
-    MotorTiming {
-        high_ns: 1_000,
-        low_ns: 1_000,
-        setup_ns: 2_500,
-        hold_ns: 2_500,
-    },
-    MotorTiming {
-        high_ns: 0,
-        low_ns: 1,
-        setup_ns: 0,
-        hold_ns: 0,
-    },
-    MotorTiming {
-        high_ns: 1_001,
-        low_ns: 1_900,
-        setup_ns: 200,
-        hold_ns: 10_000,
-    },
-    MotorTiming {
-        high_ns: 2_500,
-        low_ns: 2_500,
-        setup_ns: 5_000,
-        hold_ns: 5_000,
-    },
-    MotorTiming {
-        high_ns: 5_000,
-        low_ns: 1_000,
-        setup_ns: 20_000,
-        hold_ns: 1_000,
-    },
-    MotorTiming {
-        high_ns: 20_000,
-        low_ns: 30_000,
-        setup_ns: 100_000,
-        hold_ns: 100_000,
-    },
+    MotorTiming { high_ns: 1_000, low_ns: 1_000, setup_ns: 2_500, hold_ns: 2_500 },
+    MotorTiming { high_ns: 0, low_ns: 1, setup_ns: 0, hold_ns: 0 },
+    MotorTiming { high_ns: 1_001, low_ns: 1_900, setup_ns: 200, hold_ns: 10_000 },
+    MotorTiming { high_ns: 2_500, low_ns: 2_500, setup_ns: 5_000, hold_ns: 5_000 },
+    MotorTiming { high_ns: 5_000, low_ns: 1_000, setup_ns: 20_000, hold_ns: 1_000 },
+    MotorTiming { high_ns: 20_000, low_ns: 30_000, setup_ns: 100_000, hold_ns: 100_000 },
 ];
 
 /// One motor, its words and the driver that listens.
@@ -74,9 +40,7 @@ impl Bench {
     fn new(asks: MotorTiming, random: &mut Random) -> Bench {
         let motor = random.below(AXES as u64) as usize;
         let inverted = random.below(2) == 1;
-        let timing = Timing::new([asks; AXES])
-            .unwrap()
-            .with_inverted([inverted; AXES]);
+        let timing = Timing::new([asks; AXES]).unwrap().with_inverted([inverted; AXES]);
         let base = random.next() as u32;
         Bench {
             motor,
@@ -103,9 +67,7 @@ impl Bench {
 
     /// Ticks that a turn takes at most, from rising edge to rising edge.
     fn turn_ticks(&self) -> u32 {
-        self.timing.setup_ticks()[self.motor]
-            + self.timing.hold_ticks()[self.motor]
-            + self.timing.grid()
+        self.timing.setup_ticks()[self.motor] + self.timing.hold_ticks()[self.motor] + self.timing.grid()
     }
 
     /// Makes the words of the next segment, without playing them.
@@ -113,8 +75,7 @@ impl Bench {
         let line = &self.timing.lines()[self.motor];
         let to = self.position + advance;
         clear(&mut self.words, &self.timing);
-        self.emitter
-            .place(line, self.position, to, self.base, &mut self.words);
+        self.emitter.place(line, self.position, to, self.base, &mut self.words);
         self.position = to;
         self.base = self.base.wrapping_add(SEGMENT_TICKS as u32);
     }
@@ -128,10 +89,7 @@ impl Bench {
         }
         let e = &self.emitter;
         assert_eq!(e.emitted() as i64, self.decoder.position);
-        assert_eq!(
-            e.emitted().wrapping_add(e.waiting()),
-            (self.position >> 32) as i32
-        );
+        assert_eq!(e.emitted().wrapping_add(e.waiting()), (self.position >> 32) as i32);
         assert_eq!(e.dir(), self.decoder.dir);
     }
 }

@@ -47,8 +47,8 @@ fn steady_motion_is_on_time_and_within_its_rate() {
     for asks in DRIVERS {
         let ceiling = Bench::new(asks, random).timing.max_step_rate();
         for rate in [
-            1, 7, 999, 7_812, 7_813, 33_333, 100_000, 111_111, 142_857, 166_666, 200_000, 249_999,
-            250_000, 333_333, 400_000, 498_047, 498_999, 499_000,
+            1, 7, 999, 7_812, 7_813, 33_333, 100_000, 111_111, 142_857, 166_666, 200_000, 249_999, 250_000,
+            333_333, 400_000, 498_047, 498_999, 499_000,
         ] {
             let rate = rate.min(ceiling);
             one_way(asks, rate, LONG_RUN / 20, random, |_, reach| reach);
@@ -62,27 +62,17 @@ fn uneven_motion_one_way_is_on_time_and_within_its_rate() {
     for run in 0..200 {
         let asks = DRIVERS[run % DRIVERS.len()];
         let ceiling = u64::from(Bench::new(asks, random).timing.max_step_rate());
-        let rate = if run % 3 == 0 {
-            ceiling
-        } else {
-            1 + random.below(ceiling)
-        };
-        one_way(
-            asks,
-            rate as u32,
-            LONG_RUN / 100,
-            random,
-            |random, reach| {
-                let slow = random.below(40);
-                match random.below(6) {
-                    0 => 0,
-                    1 => random.below(reach + 1),
-                    2 => random.below(reach + 1) >> slow,
-                    3 => (reach >> 32) << 32,
-                    _ => reach,
-                }
-            },
-        );
+        let rate = if run % 3 == 0 { ceiling } else { 1 + random.below(ceiling) };
+        one_way(asks, rate as u32, LONG_RUN / 100, random, |random, reach| {
+            let slow = random.below(40);
+            match random.below(6) {
+                0 => 0,
+                1 => random.below(reach + 1),
+                2 => random.below(reach + 1) >> slow,
+                3 => (reach >> 32) << 32,
+                _ => reach,
+            }
+        });
     }
 }
 
@@ -141,11 +131,7 @@ fn walk(asks: super::MotorTiming, segments: u32, random: &mut Random) -> u32 {
         // One step period at the speed of the turn, seen from the borders.
         let after = bench.emitter;
         let stuck = (before.waiting(), before.emitted()) == (waiting, after.emitted());
-        borders = if stuck && waiting != 0 {
-            borders + 1
-        } else {
-            0
-        };
+        borders = if stuck && waiting != 0 { borders + 1 } else { 0 };
         assert!(borders <= bench.turn_ticks() / 128, "waits too long");
         waits += u32::from(waiting != 0);
     }
@@ -155,10 +141,7 @@ fn walk(asks: super::MotorTiming, segments: u32, random: &mut Random) -> u32 {
 #[test]
 fn motors_that_turn_keep_their_position_and_timing() {
     let random = &mut Random(4);
-    let waits: Vec<u32> = DRIVERS
-        .iter()
-        .map(|&asks| walk(asks, LONG_RUN, random))
-        .collect();
+    let waits: Vec<u32> = DRIVERS.iter().map(|&asks| walk(asks, LONG_RUN, random)).collect();
     // The run means little unless steps did wait across borders, which takes long DIR times.
     assert!(waits[5] > 0, "{waits:?}");
 }
