@@ -76,14 +76,13 @@ fn help_headers(out: &mut Response) -> Flow {
     if out.cursor() == 0 {
         out.block_head(help_length());
     }
-    let mut next = out.cursor();
-    for entry in TABLE.iter().skip(next as usize) {
+    let first = out.cursor();
+    for (next, entry) in (first..).zip(TABLE.iter().skip(first as usize)) {
         if out.room() < HELP_LINE_MAX {
             out.resume_at(next);
             return Flow::More;
         }
         out.line(entry);
-        next += 1;
     }
     Flow::Done
 }

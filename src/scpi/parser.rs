@@ -174,8 +174,10 @@ mod tests {
     use super::*;
     use std::vec::Vec;
 
+    type Outcome = Result<(Command, Option<u8>, bool), ErrorNumber>;
+
     /// The units of a message, up to the first error.
-    fn parse_all(message: &str) -> Vec<Result<(Command, Option<u8>, bool), ErrorNumber>> {
+    fn parse_all(message: &str) -> Vec<Outcome> {
         let (mut at, mut path, mut out) = (0, Path::default(), Vec::new());
         while let Some(unit) = next_unit(message.as_bytes(), at, &path) {
             let failed = unit.call.is_err();

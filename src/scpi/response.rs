@@ -142,7 +142,8 @@ impl Response {
 
     fn put(&mut self, bytes: &[u8]) {
         // One byte beyond the promised room for the `;`.
-        if bytes.len() > self.room() + 1 || self.bytes.extend_from_slice(bytes).is_err() {
+        let end = self.mark.length + ANSWER_MAX + 1;
+        if self.bytes.len() + bytes.len() > end || self.bytes.extend_from_slice(bytes).is_err() {
             self.overflow = true;
         }
     }

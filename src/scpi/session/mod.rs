@@ -281,3 +281,6 @@ impl Session {
         self.status.status_byte(self.out.is_available())
     }
 }
+
+#[cfg(test)]
+mod tests;
