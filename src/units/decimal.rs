@@ -293,7 +293,9 @@ pub fn parse_displacement(text: &[u8], unit: Unit) -> Result<Displacement, Error
 /// What follows the number must be a suffix of the unit; something that cannot be a suffix is no number.
 fn suffix_factor(unit: Unit, suffix: &[u8]) -> Result<Factor, ErrorNumber> {
     match suffix {
-        [first, ..] if !first.is_ascii_alphabetic() && !matches!(first, b'/' | b'%') => Err(ErrorNumber::DataTypeError),
+        [first @ ..=0x7f, ..] if !first.is_ascii_alphabetic() && !matches!(first, b'/' | b'%') => {
+            Err(ErrorNumber::DataTypeError)
+        }
         _ => factor(unit, suffix).ok_or(ErrorNumber::InvalidSuffix),
     }
 }
@@ -376,6 +378,7 @@ mod tests {
             ("1 DEG", InvalidSuffix),
             ("1 UM/S", InvalidSuffix),
             ("1 STEP", InvalidSuffix),
+            ("1 \u{b5}m", InvalidSuffix),
             ("1E", InvalidSuffix),
             ("1 /S", InvalidSuffix),
         ] {
@@ -395,6 +398,30 @@ mod tests {
             ("7 NRAD", 7),
             // 2^31 degrees, from 60 digits of pi
             ("2147483648", 37_480_660_290_338_942),
+        ] {
+            assert_eq!(nrad(text), Ok(value), "{text}");
+        }
+    }
+
+    /// Values next to a tie, computed with 120 digits of pi.
+    #[test]
+    fn degrees_next_to_a_tie_are_rounded_to_the_right_side() {
+        for (text, value) in [
+            ("0.457493535439005053643950", 7_984_768),
+            ("0.457493535439005053643951", 7_984_769),
+            ("-0.457493535439005053643951", -7_984_769),
+            ("4.55747346290729722021", 79_542_917),
+            ("4.55747346290729722022", 79_542_918),
+            ("-4.55747346290729722022", -79_542_918),
+            ("66.962916318771300846", 1_168_723_366),
+            ("66.962916318771300847", 1_168_723_367),
+            ("-66.962916318771300847", -1_168_723_367),
+            ("1527395278.39559090105324157", 26_658_076_587_418_474),
+            ("1527395278.39559090105324158", 26_658_076_587_418_475),
+            ("-1527395278.39559090105324158", -26_658_076_587_418_475),
+            ("319147760894.187922931877167", 5_570_179_227_971_181_558),
+            ("319147760894.187922931877168", 5_570_179_227_971_181_559),
+            ("-319147760894.187922931877168", -5_570_179_227_971_181_559),
         ] {
             assert_eq!(nrad(text), Ok(value), "{text}");
         }

@@ -10,7 +10,7 @@
 //! of them it has seen. So the link must offer refused bytes again, first and unchanged, and should offer whatever it
 //! has. `!` calls [`Instrument::abort`] at the next poll, before anything else. What stands in front of it is still
 //! executed in order (no setting and no answer is lost, a pending *OPC? answers once motion has ended), but until the
-//! `!` is reached each unit is followed by an abort: nothing sent before a `!` moves on after it. 0x18 clears the link
+//! `!` is reached each command is followed by an abort: nothing sent before a `!` moves on after it. 0x18 clears the link
 //! and everything in front of it; inside block data both are data.
 
 use crate::error::{Error, ErrorNumber};
@@ -49,6 +49,16 @@ pub trait Instrument {
     fn operation_pending(&self) -> bool;
     /// The shared conditions.
     fn conditions(&self) -> Conditions;
+}
+
+/// What [`Session::step`] did.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Step {
+    Blocked,
+    /// A command, which may have started something.
+    Command,
+    /// A query, a unit that failed, or the end of a message.
+    Other,
 }
 
 /// State of one link.
@@ -184,13 +194,12 @@ impl Session {
             if !self.busy && !self.refill() {
                 return progress;
             }
-            if !self.step(instrument) {
-                return progress;
+            match self.step(instrument) {
+                Step::Blocked => return progress,
+                Step::Command if self.aborts_ahead > 0 => instrument.abort(self.link),
+                Step::Command | Step::Other => {}
             }
             progress = true;
-            if self.aborts_ahead > 0 {
-                instrument.abort(self.link);
-            }
         }
     }
 
@@ -204,16 +213,17 @@ impl Session {
         true
     }
 
-    /// One unit, or the end of the message; false when it must wait.
-    fn step(&mut self, instrument: &mut impl Instrument) -> bool {
+    /// One unit, or the end of the message.
+    fn step(&mut self, instrument: &mut impl Instrument) -> Step {
         if !self.out.ready() {
-            return false;
+            return Step::Blocked;
         }
         let Session { link, lexer, path, status, out, .. } = self;
         let Some(unit) = parser::next_unit(lexer.message(), self.at, path) else {
             self.end_message();
-            return true;
+            return Step::Other;
         };
+        let done = if unit.call.is_ok_and(|call| !call.query) { Step::Command } else { Step::Other };
         out.begin();
         let result = unit.call.and_then(|call| {
             let pending = instrument.operation_pending();
@@ -232,22 +242,22 @@ impl Session {
         match result {
             Ok(Flow::Wait) => {
                 out.roll_back();
-                return false;
+                return Step::Blocked;
             }
-            Ok(Flow::More) => return out.advanced(),
+            Ok(Flow::More) => return if out.advanced() { Step::Other } else { Step::Blocked },
             Ok(Flow::Done) => {}
             Err(error) => {
                 out.roll_back();
                 status.report(error);
                 if error.number.is_command_error() {
                     self.end_message();
-                    return true;
+                    return Step::Other;
                 }
             }
         }
         out.end_unit();
         (self.at, self.path) = (unit.next, unit.path);
-        true
+        done
     }
 
     fn end_message(&mut self) {
