@@ -1,6 +1,8 @@
 //! Errors of the controller: the SCPI numbers, and what each names.
 
 use crate::units::Axis;
+use crate::units::decimal::{Formatted, Unit};
+use core::fmt;
 
 /// Number of an error in the queue (SCPI-99 volume 2 chapter 21; positive numbers are the device's own).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +25,7 @@ pub enum ErrorNumber {
     SettingsConflict = -221,
     DataOutOfRange = -222,
     DataCorrupt = -230,
+    SystemError = -310,
     QueueOverflow = -350,
     InputBufferOverrun = -363,
     QueryInterrupted = -410,
@@ -40,6 +43,57 @@ pub enum ErrorNumber {
     Clock = 110,
     WatchdogRestart = 111,
     DriverFault = 112,
+}
+
+impl ErrorNumber {
+    /// The number in the queue and in `SYST:ERR?`.
+    pub const fn code(self) -> i16 {
+        self as i16
+    }
+
+    /// The standard text (SCPI-99 volume 2 chapter 21) or the device's own.
+    pub const fn description(self) -> &'static str {
+        match self {
+            ErrorNumber::InvalidCharacter => "Invalid character",
+            ErrorNumber::SyntaxError => "Syntax error",
+            ErrorNumber::DataTypeError => "Data type error",
+            ErrorNumber::ParameterNotAllowed => "Parameter not allowed",
+            ErrorNumber::MissingParameter => "Missing parameter",
+            ErrorNumber::UndefinedHeader => "Undefined header",
+            ErrorNumber::HeaderSuffixOutOfRange => "Header suffix out of range",
+            ErrorNumber::ExponentTooLarge => "Exponent too large",
+            ErrorNumber::InvalidSuffix => "Invalid suffix",
+            ErrorNumber::InvalidStringData => "Invalid string data",
+            ErrorNumber::InvalidBlockData => "Invalid block data",
+            ErrorNumber::InitIgnored => "Init ignored",
+            ErrorNumber::SettingsConflict => "Settings conflict",
+            ErrorNumber::DataOutOfRange => "Data out of range",
+            ErrorNumber::DataCorrupt => "Data corrupt or stale",
+            ErrorNumber::SystemError => "System error",
+            ErrorNumber::QueueOverflow => "Queue overflow",
+            ErrorNumber::InputBufferOverrun => "Input buffer overrun",
+            ErrorNumber::QueryInterrupted => "Query INTERRUPTED",
+            ErrorNumber::QueryUnterminated => "Query UNTERMINATED",
+            ErrorNumber::QueryDeadlocked => "Query DEADLOCKED",
+            ErrorNumber::NotHomed => "Axis not homed",
+            ErrorNumber::LimitSwitch => "Limit switch active",
+            ErrorNumber::EmergencyStop => "Emergency stop",
+            ErrorNumber::Moving => "Motion in progress",
+            ErrorNumber::StepDeadline => "Step deadline missed",
+            ErrorNumber::SettingsLost => "Settings lost, defaults in use",
+            ErrorNumber::NoCalibration => "No calibration",
+            ErrorNumber::AxisDisabled => "Axis disabled",
+            ErrorNumber::PositionUncertain => "Position uncertain",
+            ErrorNumber::Clock => "Clock fault",
+            ErrorNumber::WatchdogRestart => "Restarted by the watchdog",
+            ErrorNumber::DriverFault => "Driver fault",
+        }
+    }
+
+    /// True for a command error: the rest of the message is then dropped.
+    pub const fn is_command_error(self) -> bool {
+        matches!(self.code(), -199..=-100)
+    }
 }
 
 /// What an error names, kept small and plain; rendered as text when the queue is read.
@@ -123,5 +177,75 @@ impl Error {
 impl From<ErrorNumber> for Error {
     fn from(number: ErrorNumber) -> Self {
         Error { number, detail: Detail::None }
+    }
+}
+
+/// `AXIS1` .. `AXIS6`.
+struct AxisName(Axis);
+
+impl fmt::Display for AxisName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "AXIS{}", self.0.index() + 1)
+    }
+}
+
+impl fmt::Display for Detail {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Detail::None => Ok(()),
+            Detail::Text(text) => f.write_str(text),
+            Detail::Token(token) => f.write_str(token.as_str()),
+            Detail::Axis(axis) => write!(f, "{}", AxisName(*axis)),
+            Detail::AxisText(axis, text) => write!(f, "{} {text}", AxisName(*axis)),
+            Detail::Limit { axis, value, bound, motor } => {
+                let unit = if axis.is_rotary() { Unit::ANGLE } else { Unit::LENGTH };
+                let (value_text, bound_text) = (Formatted { value: *value, unit }, Formatted { value: *bound, unit });
+                let motor = if *motor { " motor" } else { "" };
+                let side = if value < bound { "below" } else { "above" };
+                let symbol = unit.symbol();
+                write!(f, "{}{motor} {value_text} {symbol} {side} {bound_text} {symbol}", AxisName(*axis))
+            }
+        }
+    }
+}
+
+/// The text of the queue: `-222,"Data out of range;AXIS2 6200.000 um above 5000.000 um"`.
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{},\"{}", self.number.code(), self.number.description())?;
+        if !matches!(self.detail, Detail::None) {
+            write!(f, ";{}", self.detail)?;
+        }
+        f.write_str("\"")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn the_text_names_the_axis_and_the_value() {
+        let limit = |axis, value, bound, motor| Error {
+            number: ErrorNumber::DataOutOfRange,
+            detail: Detail::Limit { axis, value, bound, motor },
+        };
+        assert_eq!(
+            limit(Axis::Y, 6_200_000, 5_000_000, false).to_string(),
+            "-222,\"Data out of range;AXIS2 6200.000 um above 5000.000 um\""
+        );
+        assert_eq!(
+            limit(Axis::Alpha, -17_453_293, -8_726_646, true).to_string(),
+            "-222,\"Data out of range;AXIS4 motor -1.00000003 deg below -0.49999999 deg\""
+        );
+    }
+
+    #[test]
+    fn a_quote_in_a_token_cannot_end_the_string() {
+        let error = Error::token(ErrorNumber::UndefinedHeader, b"A\"B\xff");
+        assert_eq!(error.to_string(), "-113,\"Undefined header;A?B?\"");
+        assert_eq!(Error::from(ErrorNumber::NotHomed).to_string(), "101,\"Axis not homed\"");
     }
 }

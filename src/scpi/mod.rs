@@ -1,1 +1,13 @@
-//! scpi
+//! The language: bytes of a link -> messages -> calls, answers -> bytes. Nothing here knows what moves.
+//!
+//! One [`session::Session`] per link ties the parts: [`lexer`] frames, [`parser`] splits a message into calls of the
+//! one table in [`tree`], [`status`] keeps the link's registers and error queue, [`response`] its answers.
+
+mod common;
+pub mod lexer;
+pub mod params;
+pub mod parser;
+pub mod response;
+pub mod session;
+pub mod status;
+pub mod tree;

@@ -3,6 +3,8 @@
 //! Linear coordinates are nanometres, angular ones nanoradians; a motor counts its own steps.
 //! A *fine* quantity carries 32 fractional bits.
 
+pub mod decimal;
+
 use serde::{Deserialize, Serialize};
 
 /// Number of axes, and of motors: motor `n` drives the stage of axis `n`.

@@ -1,0 +1,328 @@
+//! The table.
+
+use super::{Command as C, Entry, Form, Kind, Param};
+use crate::error::ErrorNumber::{self, *};
+
+const fn param(name: &'static str, kind: Kind) -> Param {
+    Param { name, kind, optional: false, extremes: false }
+}
+
+/// A parameter that takes `MIN|MAX|DEF` too.
+const fn value(name: &'static str, kind: Kind) -> Param {
+    Param { name, kind, optional: false, extremes: true }
+}
+
+const NONE: &[Param] = &[];
+const EXTREME: &[Param] = &[Param { name: "which", kind: Kind::Extreme, optional: true, extremes: false }];
+const BYTE: &[Param] = &[param("mask", Kind::Integer(0, 255))];
+const WORD: &[Param] = &[param("mask", Kind::Integer(0, 65_535))];
+const SWITCH: &[Param] = &[value("state", Kind::Boolean)];
+const COORDINATE: &[Param] = &[param("x", Kind::Coordinate)];
+const COORDINATE_SETTING: &[Param] = &[value("x", Kind::Coordinate)];
+const VELOCITY: &[Param] = &[value("v", Kind::Rate(1))];
+const STEPS: &[Param] = &[value("steps", Kind::Integer(0, 1 << 20))];
+const POSE: &[Param] = &[param("x,y,z,a,b,g", Kind::Pose)];
+const PIVOT: Param = param("k", Kind::Integer(0, 7));
+
+const MOVE_ERRORS: &[ErrorNumber] =
+    &[DataOutOfRange, NotHomed, LimitSwitch, EmergencyStop, StepDeadline, AxisDisabled, PositionUncertain, InitIgnored];
+const RELATIVE_ERRORS: &[ErrorNumber] =
+    &[DataOutOfRange, LimitSwitch, EmergencyStop, StepDeadline, AxisDisabled, InitIgnored];
+const STANDSTILL: &[ErrorNumber] = &[DataOutOfRange, InitIgnored, Moving];
+const RANGE: &[ErrorNumber] = &[DataOutOfRange];
+
+const fn entry(command: C, pattern: &'static str, form: Form, params: &'static [Param], help: &'static str) -> Entry {
+    Entry {
+        command,
+        pattern,
+        form,
+        params,
+        query_params: NONE,
+        range: "",
+        default: "",
+        errors: &[],
+        help,
+        example: pattern,
+    }
+}
+
+const fn query(command: C, pattern: &'static str, help: &'static str) -> Entry {
+    entry(command, pattern, Form::Query, NONE, help)
+}
+
+const fn set(command: C, pattern: &'static str, params: &'static [Param], help: &'static str) -> Entry {
+    entry(command, pattern, Form::Set, params, help)
+}
+
+/// A register: query and set without `MIN|MAX|DEF`.
+const fn mask(command: C, pattern: &'static str, params: &'static [Param], help: &'static str) -> Entry {
+    entry(command, pattern, Form::Both, params, help).errors(RANGE)
+}
+
+/// A setting: its query takes `MIN|MAX|DEF`.
+const fn setting(command: C, pattern: &'static str, params: &'static [Param], help: &'static str) -> Entry {
+    Entry { query_params: EXTREME, ..entry(command, pattern, Form::Both, params, help).errors(RANGE) }
+}
+
+impl Entry {
+    const fn range(self, range: &'static str, default: &'static str) -> Self {
+        Entry { range, default, ..self }
+    }
+
+    const fn errors(self, errors: &'static [ErrorNumber]) -> Self {
+        Entry { errors, ..self }
+    }
+
+    const fn example(self, example: &'static str) -> Self {
+        Entry { example, ..self }
+    }
+}
+
+/// Every command, in the order of the manual.
+pub const TABLE: &[Entry] = &[
+    query(C::Identify, "*IDN", "Maker, model, serial number, version.").example("*IDN?"),
+    set(C::Reset, "*RST", NONE, "Aborts, moves nothing, sets every default; keeps calibration, home and limits."),
+    set(C::ClearStatus, "*CLS", NONE, "Clears events and the error queue of this link."),
+    mask(C::EventEnable, "*ESE", BYTE, "Standard event status enable.").range("0..255", "0").example("*ESE 60"),
+    query(C::EventStatus, "*ESR", "Standard event status; reading clears it.").example("*ESR?"),
+    mask(C::ServiceEnable, "*SRE", BYTE, "Service request enable.").range("0..255", "0").example("*SRE 16"),
+    query(C::StatusByte, "*STB", "Status byte.").example("*STB?"),
+    entry(C::OperationComplete, "*OPC", Form::Both, NONE, "Tells when all motion, scanning and take-up have ended.")
+        .example("*OPC?"),
+    set(C::Wait, "*WAI", NONE, "Waits until all motion, scanning and take-up have ended."),
+    query(C::SelfTest, "*TST", "Self-test: 0 passed.").example("*TST?"),
+    query(C::Options, "*OPT", "Options fitted.").example("*OPT?"),
+    query(C::ErrorNext, "SYSTem:ERRor[:NEXT]", "Takes the oldest error.").example("SYST:ERR?"),
+    query(C::ErrorCount, "SYSTem:ERRor:COUNt", "Errors in the queue.").example("SYST:ERR:COUN?"),
+    query(C::ErrorAll, "SYSTem:ERRor:ALL", "Takes all errors.").example("SYST:ERR:ALL?"),
+    query(C::Version, "SYSTem:VERSion", "SCPI version.").example("SYST:VERS?"),
+    query(C::HelpHeaders, "SYSTem:HELP:HEADers", "All headers, as a block.").example("SYST:HELP:HEAD?"),
+    query(C::TimeTick, "SYSTem:TIME:TICK", "Ticks played since power-up.").example("SYST:TIME:TICK?"),
+    set(C::SystemPreset, "SYSTem:PRESet", NONE, "As *RST.").example("SYST:PRES"),
+    setting(
+        C::JogTimeout,
+        "SYSTem:JOG:TIMeout",
+        &[value("t", Kind::Time)],
+        "A jog ends after this time without traffic on its link.",
+    )
+    .range("0.01..3600 s", "1 s")
+    .example("SYST:JOG:TIM 500 MS"),
+    query(C::OperationEvent, "STATus:OPERation[:EVENt]", "Operation events; reading clears them.")
+        .example("STAT:OPER?"),
+    query(C::OperationCondition, "STATus:OPERation:CONDition", "Operation conditions.").example("STAT:OPER:COND?"),
+    mask(C::OperationEnable, "STATus:OPERation:ENABle", WORD, "Operation events that sum up.")
+        .range("0..32767", "0")
+        .example("STAT:OPER:ENAB 256"),
+    mask(C::OperationPositive, "STATus:OPERation:PTRansition", WORD, "Rising conditions that latch.")
+        .range("0..32767", "32767")
+        .example("STAT:OPER:PTR 256"),
+    mask(C::OperationNegative, "STATus:OPERation:NTRansition", WORD, "Falling conditions that latch.")
+        .range("0..32767", "0")
+        .example("STAT:OPER:NTR 256"),
+    query(C::OperationInstrumentEvent, "STATus:OPERation:INSTrument[:EVENt]", "Axes that began to move.")
+        .example("STAT:OPER:INST?"),
+    query(C::OperationInstrumentCondition, "STATus:OPERation:INSTrument:CONDition", "Axes that move.")
+        .example("STAT:OPER:INST:COND?"),
+    mask(C::OperationInstrumentEnable, "STATus:OPERation:INSTrument:ENABle", WORD, "Axis events that sum up.")
+        .range("0..32767", "32767")
+        .example("STAT:OPER:INST:ENAB 126"),
+    mask(C::OperationInstrumentPositive, "STATus:OPERation:INSTrument:PTRansition", WORD, "Rising axes that latch.")
+        .range("0..32767", "32767")
+        .example("STAT:OPER:INST:PTR 126"),
+    mask(C::OperationInstrumentNegative, "STATus:OPERation:INSTrument:NTRansition", WORD, "Falling axes that latch.")
+        .range("0..32767", "0")
+        .example("STAT:OPER:INST:NTR 126"),
+    query(C::QuestionableEvent, "STATus:QUEStionable[:EVENt]", "Questionable events; reading clears them.")
+        .example("STAT:QUES?"),
+    query(C::QuestionableCondition, "STATus:QUEStionable:CONDition", "Questionable conditions.")
+        .example("STAT:QUES:COND?"),
+    mask(C::QuestionableEnable, "STATus:QUEStionable:ENABle", WORD, "Questionable events that sum up.")
+        .range("0..32767", "0")
+        .example("STAT:QUES:ENAB 512"),
+    mask(C::QuestionablePositive, "STATus:QUEStionable:PTRansition", WORD, "Rising conditions that latch.")
+        .range("0..32767", "32767")
+        .example("STAT:QUES:PTR 512"),
+    mask(C::QuestionableNegative, "STATus:QUEStionable:NTRansition", WORD, "Falling conditions that latch.")
+        .range("0..32767", "0")
+        .example("STAT:QUES:NTR 512"),
+    query(C::QuestionableInstrumentEvent, "STATus:QUEStionable:INSTrument[:EVENt]", "Axes that became questionable.")
+        .example("STAT:QUES:INST?"),
+    query(C::QuestionableInstrumentCondition, "STATus:QUEStionable:INSTrument:CONDition", "Questionable axes.")
+        .example("STAT:QUES:INST:COND?"),
+    mask(C::QuestionableInstrumentEnable, "STATus:QUEStionable:INSTrument:ENABle", WORD, "Axis events that sum up.")
+        .range("0..32767", "32767")
+        .example("STAT:QUES:INST:ENAB 126"),
+    mask(
+        C::QuestionableInstrumentPositive,
+        "STATus:QUEStionable:INSTrument:PTRansition",
+        WORD,
+        "Rising axes that latch.",
+    )
+    .range("0..32767", "32767")
+    .example("STAT:QUES:INST:PTR 126"),
+    mask(
+        C::QuestionableInstrumentNegative,
+        "STATus:QUEStionable:INSTrument:NTRansition",
+        WORD,
+        "Falling axes that latch.",
+    )
+    .range("0..32767", "0")
+    .example("STAT:QUES:INST:NTR 126"),
+    set(C::StatusPreset, "STATus:PRESet", NONE, "Enables and filters of this link as after power-up.")
+        .example("STAT:PRES"),
+    query(C::StatusAxis, "STATus:AXIS#[:CONDition]", "Conditions of an axis.").example("STAT:AXIS2?"),
+    set(C::AxisMove, "AXIS#:MOVE[:ABSolute]", COORDINATE, "Moves an axis to a coordinate.")
+        .errors(MOVE_ERRORS)
+        .example("AXIS1:MOVE 125.5 UM"),
+    set(C::AxisMoveRelative, "AXIS#:MOVE:RELative", &[param("dx", Kind::Displacement)], "Moves an axis by a distance.")
+        .errors(RELATIVE_ERRORS)
+        .example("AXIS1:MOVE:REL -10 STEP"),
+    set(
+        C::AxisMoveJog,
+        "AXIS#:MOVE:JOG",
+        &[param("v", Kind::Rate(1))],
+        "Moves at constant velocity until STOP, a limit or a new jog; 0 ramps down.",
+    )
+    .errors(RELATIVE_ERRORS)
+    .example("AXIS4:MOVE:JOG 0.1 DEG/S"),
+    set(C::AxisStop, "AXIS#:STOP[:DECelerate]", NONE, "Stops an axis within its limits.").example("AXIS1:STOP"),
+    set(C::AxisStopImmediate, "AXIS#:STOP:IMMediate", NONE, "Stops an axis at once.").example("AXIS1:STOP:IMM"),
+    set(C::Stop, "STOP", NONE, "Stops all axes within their limits."),
+    set(C::Abort, "ABORt", NONE, "Stops everything at once; so does ! as the first byte of a line.").example("ABOR"),
+    query(C::AxisPosition, "AXIS#:POSition", "Logical position of the words played so far.").example("AXIS1:POS?"),
+    query(C::AxisPositionCommand, "AXIS#:POSition:COMMand", "Target.").example("AXIS1:POS:COMM?"),
+    query(C::AxisPositionMotor, "AXIS#:POSition:MOTor", "Motor steps really played.").example("AXIS1:POS:MOT?"),
+    set(C::AxisPositionSet, "AXIS#:POSition:SET", COORDINATE, "Says where the axis stands; it is homed then.")
+        .errors(STANDSTILL)
+        .example("AXIS1:POS:SET 0"),
+    setting(C::AxisVelocity, "AXIS#:VELocity", VELOCITY, "Wanted velocity of the logical axis.")
+        .range("above 0 .. the motor's", "the motor's")
+        .example("AXIS1:VEL 2 MM/S"),
+    setting(C::AxisVelocityStart, "AXIS#:VELocity:STARt", VELOCITY, "An immediate stop above it makes 109.")
+        .range("0 .. the motor's", "the motor's start velocity")
+        .example("AXIS1:VEL:STAR 100"),
+    setting(C::AxisAcceleration, "AXIS#:ACCeleration", &[value("a", Kind::Rate(2))], "Wanted acceleration.")
+        .range("above 0 .. the motor's", "the motor's")
+        .example("AXIS1:ACC 20 MM/S2"),
+    setting(C::AxisJerk, "AXIS#:JERK", &[value("j", Kind::Rate(3))], "Wanted jerk.")
+        .range("above 0 .. the motor's", "the motor's")
+        .example("AXIS1:JERK 200 MM/S3"),
+    setting(C::AxisStepSize, "AXIS#:STEP:SIZE", &[value("size", Kind::StepSize)], "Size of a motor step.")
+        .range("2 nm or nrad and up", "the calibration's")
+        .errors(&[DataOutOfRange, SettingsConflict, Moving])
+        .example("AXIS1:STEP:SIZE 50 NM"),
+    setting(C::AxisStepInvert, "AXIS#:STEP:INVert", SWITCH, "Inverts the sense of DIR.")
+        .range("OFF|ON", "OFF")
+        .errors(&[Moving])
+        .example("AXIS1:STEP:INV ON"),
+    setting(
+        C::AxisStepTiming,
+        "AXIS#:STEP:TIMing",
+        &[value("high", Kind::Time), value("low", Kind::Time), value("setup", Kind::Time), value("hold", Kind::Time)],
+        "Pulse times of the driver.",
+    )
+    .range("whole ticks, rounded up", "1 us,1 us,2.5 us,2.5 us")
+    .errors(&[DataOutOfRange, Moving])
+    .example("AXIS1:STEP:TIM 1 US,1 US,2.5 US,2.5 US"),
+    setting(C::AxisEnable, "AXIS#:ENABle", SWITCH, "Switches the driver.")
+        .range("OFF|ON", "OFF")
+        .example("AXIS1:ENAB ON"),
+    setting(C::AxisLimitSoftLower, "AXIS#:LIMit:SOFT:LOWer", COORDINATE_SETTING, "Lower logical limit.")
+        .range("within +-2^29 nm or nrad", "the travel")
+        .example("AXIS1:LIM:SOFT:LOW -5 MM"),
+    setting(C::AxisLimitSoftUpper, "AXIS#:LIMit:SOFT:UPPer", COORDINATE_SETTING, "Upper logical limit.")
+        .range("within +-2^29 nm or nrad", "the travel")
+        .example("AXIS1:LIM:SOFT:UPP 5 MM"),
+    setting(C::AxisLimitSoftState, "AXIS#:LIMit:SOFT:STATe", SWITCH, "Switches the logical limits.")
+        .range("OFF|ON", "ON")
+        .example("AXIS1:LIM:SOFT:STAT ON"),
+    setting(
+        C::AxisBacklashMode,
+        "AXIS#:BACKlash:MODE",
+        &[value("mode", Kind::Choice(&["OFF", "REVersal", "UNIPos", "UNINeg"]))],
+        "How the play of the motor is taken up.",
+    )
+    .range("OFF|REVersal|UNIPos|UNINeg", "REVersal")
+    .errors(&[Moving])
+    .example("AXIS1:BACK:MODE REV"),
+    setting(C::AxisBacklashDistance, "AXIS#:BACKlash:DISTance", COORDINATE_SETTING, "Width of the play.")
+        .range("0 and up", "the calibration's")
+        .errors(&[DataOutOfRange, Moving])
+        .example("AXIS1:BACK:DIST 2.5"),
+    setting(C::AxisBacklashVelocity, "AXIS#:BACKlash:VELocity", VELOCITY, "Velocity reserved for take-up.")
+        .range("above 0 .. the motor's", "10 % of the motor's")
+        .example("AXIS1:BACK:VEL 200"),
+    setting(C::AxisBacklashDeadband, "AXIS#:BACKlash:DEADband", STEPS, "Retreat that does not turn the flank.")
+        .range("0..1048576 steps", "0")
+        .example("AXIS1:BACK:DEAD 2"),
+    setting(C::AxisBacklashMargin, "AXIS#:BACKlash:MARGin", STEPS, "Overshoot beyond the play in UNIPos and UNINeg.")
+        .range("0..1048576 steps", "10")
+        .example("AXIS1:BACK:MARG 10"),
+    set(
+        C::AxisBacklashPreload,
+        "AXIS#:BACKlash:PRELoad",
+        &[param("side", Kind::Choice(&["POSitive", "NEGative"]))],
+        "Moves through the play so that the flank is known.",
+    )
+    .errors(RELATIVE_ERRORS)
+    .example("AXIS1:BACK:PREL POS"),
+    query(C::AxisBacklashOffset, "AXIS#:BACKlash:OFFSet", "Overlay in motor steps.").example("AXIS1:BACK:OFFS?"),
+    query(C::AxisBacklashState, "AXIS#:BACKlash:STATe", "Flank of the motor.").example("AXIS1:BACK:STAT?"),
+    set(C::PoseMove, "POSE[:ABSolute]", POSE, "Moves all six axes to a pose.")
+        .errors(MOVE_ERRORS)
+        .example("POSE 0,0,0,0,0,0.5"),
+    set(C::PoseRelative, "POSE:RELative", &[param("dx,dy,dz,da,db,dg", Kind::PoseDelta)], "Moves by six distances.")
+        .errors(MOVE_ERRORS)
+        .example("POSE:REL 1,0,0,0,0,0"),
+    query(C::PoseQuery, "POSE", "The six logical positions of the words played so far.").example("POSE?"),
+    Entry {
+        query_params: POSE,
+        ..query(C::PoseCheck, "POSE:CHECk", "Dry run: verdict, duration, six peak step rates, six flank changes.")
+    }
+    .example("POSE:CHEC? 0,0,0,0,0,0.5"),
+    setting(C::VelocityOverride, "VELocity", &[value("percent", Kind::Percent)], "Speed override of all motion.")
+        .range("1..100 %", "100")
+        .example("VEL 50"),
+    Entry {
+        query_params: &[PIVOT],
+        ..mask(
+            C::PivotDefine,
+            "PIVot:DEFine",
+            &[PIVOT, param("x,y,z", Kind::Point)],
+            "A rotation centre in the array frame.",
+        )
+    }
+    .range("60 mm from every rotary axis", "")
+    .errors(STANDSTILL)
+    .example("PIV:DEF 1,0,0,2 MM"),
+    setting(C::PivotSelect, "PIVot:SELect", &[value("k", Kind::Integer(0, 7))], "Chooses the rotation centre.")
+        .range("0..7", "0")
+        .errors(STANDSTILL)
+        .example("PIV:SEL 1"),
+    query(C::PivotQuery, "PIVot", "The rotation centre in use: number and x, y, z.").example("PIV?"),
+    setting(C::CompensationState, "COMPensation:STATe", SWITCH, "Switches all compensation.")
+        .range("OFF|ON", "ON")
+        .errors(&[NoCalibration, Moving])
+        .example("COMP:STAT ON"),
+    setting(C::CompensationCouplingState, "COMPensation:COUPling:STATe", SWITCH, "Switches the coupling.")
+        .range("OFF|ON", "ON")
+        .errors(&[NoCalibration, Moving])
+        .example("COMP:COUP:STAT ON"),
+    setting(C::CompensationPivotState, "COMPensation:PIVot:STATe", SWITCH, "Switches the rotation centre.")
+        .range("OFF|ON", "ON")
+        .errors(&[NoCalibration, Moving])
+        .example("COMP:PIV:STAT ON"),
+    setting(C::CompensationBacklashState, "COMPensation:BACKlash:STATe", SWITCH, "Switches the backlash overlay.")
+        .range("OFF|ON", "ON")
+        .errors(&[NoCalibration, Moving])
+        .example("COMP:BACK:STAT ON"),
+    set(C::CompensationLoad, "COMPensation:LOAD", &[param("block", Kind::Block)], "Takes a calibration block.")
+        .errors(&[SettingsConflict, DataCorrupt, Moving, InitIgnored])
+        .example("COMP:LOAD #13abc"),
+    query(C::CompensationData, "COMPensation:DATA", "The calibration block.")
+        .errors(&[NoCalibration])
+        .example("COMP:DATA?"),
+    query(C::CompensationCrc, "COMPensation:CRC", "CRC-32 of the calibration block.").example("COMP:CRC?"),
+    query(C::CompensationName, "COMPensation:NAME", "Name of the machine.").example("COMP:NAME?"),
+    query(C::CompensationMatrix, "COMPensation:MATRix", "D^-1 and W^-1, row by row.").example("COMP:MATR?"),
+];
