@@ -7,8 +7,8 @@
 //! even if the motor arrives exactly on a whole step, and both directions read alike.
 //!
 //! # Accuracy
-//! Every time is rounded down: late by nothing, early by less than 2^-18 tick, and at a rate v the
-//! spread of the errors stays below 1e-6/v ticks. Two steps that lie N ticks apart or more at a rate
+//! Every time is rounded down: late by nothing, early by less than 2^-18 tick (and the 2^-32 step
+//! above), and at a rate v the errors stay below 1e-6/v ticks. Two steps that lie N ticks apart or more at a rate
 //! limit of *whole steps per second* therefore never fall into N consecutive ticks: at most
 //! v N + 1 steps do (tested). The division is two 16-bit digits or one with a third-order
 //! correction; neither needs a 64-bit division, which a Cortex-M4 does not have.

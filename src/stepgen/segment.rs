@@ -153,7 +153,7 @@ impl Emitter {
             self.dir = dir;
             ready = ready.max(turn + line.setup);
             self.next_rise = base.wrapping_add(ready);
-            // Never two changes in one word.
+            // The next change comes in a later segment anyhow; this keeps the tick near the clock.
             self.next_turn = base.wrapping_add(turn + 1);
         }
         // The crossings of this segment that no waiting step cancelled are the last of those owed;
