@@ -8,10 +8,11 @@
 //!
 //! # Accuracy
 //! Every time is rounded down: late by nothing, early by less than 2^-18 tick (and the 2^-32 step
-//! above), and at a rate v the errors stay below 1e-6/v ticks. Two steps that lie N ticks apart or more at a rate
-//! limit of *whole steps per second* therefore never fall into N consecutive ticks: at most
-//! v N + 1 steps do (tested). The division is two 16-bit digits or one with a third-order
-//! correction; neither needs a 64-bit division, which a Cortex-M4 does not have.
+//! above), and at a rate v the errors stay below 1e-6/v ticks. At a rate limit of *whole steps per
+//! second* two steps that are due N ticks apart or more therefore never fall into N consecutive
+//! ticks, and at most v N + 1 steps do (tested). Any other limit holds with N + 2^-18 for N.
+//! The division is two 16-bit digits, or one with a third-order correction: no 64-bit division,
+//! which a Cortex-M4 does not have.
 
 /// The steps of one motor in one segment, equally spaced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,8 +24,8 @@ pub(super) struct Crossings {
 }
 
 impl Crossings {
-    /// Faster than any timing allows: all steps at once.
-    const TOO_FAST: Crossings = Crossings {
+    /// All steps at once: what waits, or motion faster than any timing allows.
+    pub(super) const AT_ONCE: Crossings = Crossings {
         first: 0,
         period: 0,
     };
@@ -99,7 +100,7 @@ fn lone(before: u32, distance: u64) -> Crossings {
 #[inline(always)]
 fn several(before: u32, distance: u64) -> Crossings {
     if distance >> 38 != 0 {
-        return Crossings::TOO_FAST;
+        return Crossings::AT_ONCE;
     }
     // What is cut off here is 2^-25 step over a whole segment.
     let divisor = (distance >> 7) as u32 + 1;

@@ -84,16 +84,7 @@ impl Emitter {
         let due = ((to >> 32) as i32).wrapping_sub((from >> 32) as i32);
         if due == 0 {
             if self.waiting != 0 {
-                self.detour(
-                    line,
-                    Crossings {
-                        first: 0,
-                        period: 0,
-                    },
-                    0,
-                    base,
-                    words,
-                );
+                self.detour(line, Crossings::AT_ONCE, 0, base, words);
             } else if base.wrapping_sub(self.next_rise) as i32 > 1 << 30 {
                 self.forget(base);
             }
