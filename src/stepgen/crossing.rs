@@ -102,12 +102,12 @@ fn several(before: u32, distance: u64) -> Crossings {
     if distance >> 38 != 0 {
         return Crossings::AT_ONCE;
     }
-    // What is cut off here is 2^-25 step over a whole segment.
-    let divisor = (distance >> 7) as u32 + 1;
-    // Estimate of 2^44 / divisor, too small by less than one part in 2^12.
-    let estimate = u32::MAX / ((divisor >> 12) + 1);
-    // 1/d = x / (1 - e) = x (1 + e + e^2 + …) with e = 1 - d x, here in units of 2^-44.
-    let error = estimate.wrapping_mul(divisor).wrapping_neg();
+    // Estimate of 2^51 / distance, too small by less than one part in 2^12.
+    let estimate = u32::MAX / ((distance >> 19) as u32 + 1);
+    // 1/d = x / (1 - e) = x (1 + e + e^2 + …) with e = 1 - d x, here in units of 2^-44. The whole
+    // distance counts: what a slow segment cut off would be seen by a fast one beside it.
+    let error = u64::from(estimate).wrapping_mul(distance).wrapping_neg();
+    let error = (error >> 7) as u32;
     let error = error.wrapping_add(multiply_high(error, error) >> 12);
     let correction = (u64::from(estimate) * u64::from(error)) >> 31;
     let period = (estimate << 13).wrapping_add(correction as u32);
