@@ -7,11 +7,12 @@
 //! even if the motor arrives exactly on a whole step, and both directions read alike.
 //!
 //! # Accuracy
-//! Every time is rounded down: late by nothing, early by less than 2^-18 tick, and at a rate v the
-//! spread of the errors stays below 1e-6/v ticks. Two steps that lie N ticks apart or more at a rate
-//! limit of *whole steps per second* therefore never fall into N consecutive ticks: at most
-//! v N + 1 steps do (tested). The division is two 16-bit digits or one with a third-order
-//! correction; neither needs a 64-bit division, which a Cortex-M4 does not have.
+//! Every time is rounded down: late by nothing, early by less than 2^-18 tick (and the 2^-32 step
+//! above), and at a rate v the errors stay below 1e-6/v ticks. At a rate limit of *whole steps per
+//! second* two steps that are due N ticks apart or more therefore never fall into N consecutive
+//! ticks, and at most v N + 1 steps do (tested). Any other limit holds with N + 2^-18 for N.
+//! The division is two 16-bit digits, or one with a third-order correction: no 64-bit division,
+//! which a Cortex-M4 does not have.
 
 /// The steps of one motor in one segment, equally spaced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,8 +24,11 @@ pub(super) struct Crossings {
 }
 
 impl Crossings {
-    /// Faster than any timing allows: all steps at once.
-    const TOO_FAST: Crossings = Crossings { first: 0, period: 0 };
+    /// All steps at once: what waits, or motion faster than any timing allows.
+    pub(super) const AT_ONCE: Crossings = Crossings {
+        first: 0,
+        period: 0,
+    };
 
     /// The steps on the way between two positions in Q32.32 steps; `due`, not zero, is the
     /// difference of their floors.
@@ -86,14 +90,14 @@ fn lone(before: u32, distance: u64) -> Crossings {
 #[inline(always)]
 fn several(before: u32, distance: u64) -> Crossings {
     if distance >> 38 != 0 {
-        return Crossings::TOO_FAST;
+        return Crossings::AT_ONCE;
     }
-    // What is cut off here is 2^-25 step over a whole segment.
-    let divisor = (distance >> 7) as u32 + 1;
-    // Estimate of 2^44 / divisor, too small by less than one part in 2^12.
-    let estimate = u32::MAX / ((divisor >> 12) + 1);
-    // 1/d = x / (1 - e) = x (1 + e + e^2 + …) with e = 1 - d x, here in units of 2^-44.
-    let error = estimate.wrapping_mul(divisor).wrapping_neg();
+    // Estimate of 2^51 / distance, too small by less than one part in 2^12.
+    let estimate = u32::MAX / ((distance >> 19) as u32 + 1);
+    // 1/d = x / (1 - e) = x (1 + e + e^2 + …) with e = 1 - d x, here in units of 2^-44. The whole
+    // distance counts: what a slow segment cut off would be seen by a fast one beside it.
+    let error = u64::from(estimate).wrapping_mul(distance).wrapping_neg();
+    let error = (error >> 7) as u32;
     let error = error.wrapping_add(multiply_high(error, error) >> 12);
     let correction = (u64::from(estimate) * u64::from(error)) >> 31;
     let period = (estimate << 13).wrapping_add(correction as u32);

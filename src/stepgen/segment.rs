@@ -78,7 +78,7 @@ impl Emitter {
         let due = ((to >> 32) as i32).wrapping_sub((from >> 32) as i32);
         if due == 0 {
             if self.waiting != 0 {
-                self.detour(line, Crossings { first: 0, period: 0 }, 0, base, words);
+                self.detour(line, Crossings::AT_ONCE, 0, base, words);
             } else if base.wrapping_sub(self.next_rise) as i32 > 1 << 30 {
                 self.forget(base);
             }
@@ -131,7 +131,7 @@ impl Emitter {
             self.dir = dir;
             ready = ready.max(turn + line.setup);
             self.next_rise = base.wrapping_add(ready);
-            // Never two changes in one word.
+            // The next change comes in a later segment anyhow; this keeps the tick near the clock.
             self.next_turn = base.wrapping_add(turn + 1);
         }
         // The crossings of this segment that no waiting step cancelled are the last of those owed;
