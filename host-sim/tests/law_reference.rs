@@ -27,8 +27,7 @@ fn root() -> PathBuf {
 }
 
 fn files(folder: &str, extension: &str) -> Vec<PathBuf> {
-    let entries =
-        std::fs::read_dir(root().join(folder)).expect(folder).map(|entry| entry.expect(folder).path());
+    let entries = std::fs::read_dir(root().join(folder)).expect(folder).map(|entry| entry.expect(folder).path());
     let mut files: Vec<_> = entries.filter(|path| path.extension().is_some_and(|e| e == extension)).collect();
     files.sort();
     assert!(!files.is_empty(), "{folder} is empty");
@@ -113,15 +112,15 @@ fn order() -> impl Strategy<Value = [Axis; AXES]> {
 fn any_machine() -> impl Strategy<Value = Machine> {
     let statics = prop::array::uniform9(-0.008..0.008_f64);
     let offsets = prop::array::uniform6(prop::array::uniform3(-2e6..2e6_f64));
-    (order(), statics, offsets, prop::array::uniform3(-4e7..4e7_f64)).prop_map(
-        |(order, statics, offsets, fibre)| Machine {
+    (order(), statics, offsets, prop::array::uniform3(-4e7..4e7_f64)).prop_map(|(order, statics, offsets, fibre)| {
+        Machine {
             order,
             statics: StaticErrors::from_values(statics),
             axis_offset_nm: offsets,
             fibre_point_nm: fibre,
             ..Machine::paper()
-        },
-    )
+        }
+    })
 }
 
 fn any_pose() -> impl Strategy<Value = [f64; AXES]> {
