@@ -128,14 +128,19 @@ impl Rates {
     }
 
     /// Lengthens a ramp over `dv` until its peak keeps the limits.
-    pub fn relax(&self, a0: i128, dv: i128, mut n: [u32; 3]) -> Option<[u32; 3]> {
-        for _ in 0..12 {
-            if n == [0; 3] {
-                if a0 == 0 && dv == 0 {
-                    return Some(n);
-                }
-                n = [1, 0, 1];
-            }
+    pub fn relax(&self, a0: i128, dv: i128, n: [u32; 3]) -> Option<[u32; 3]> {
+        if n == [0; 3] && a0 == 0 && dv == 0 {
+            return Some(n);
+        }
+        self.bump(a0, dv, n, 2).or_else(|| self.nearby(a0, dv, n)).or_else(|| self.bump(a0, dv, n, 12))
+    }
+
+    /// Adds a segment where the strain is, at most `times`.
+    fn bump(&self, a0: i128, dv: i128, mut n: [u32; 3], times: u32) -> Option<[u32; 3]> {
+        if n == [0; 3] {
+            n = [1, 0, 1];
+        }
+        for _ in 0..=times {
             let peak = peak(a0, dv, n)?;
             let (rise, fall) = self.strain(a0, peak, n);
             if peak.abs() > self.a {
@@ -150,6 +155,27 @@ impl Rates {
             }
         }
         None
+    }
+
+    /// The shortest valid durations near `n`: where a longer first part needs a shorter hold.
+    fn nearby(&self, a0: i128, dv: i128, n: [u32; 3]) -> Option<[u32; 3]> {
+        let mut best: Option<([u32; 3], u32)> = None;
+        for n1 in n[0]..n[0] + 4 {
+            for n2 in n[1].saturating_sub(3)..n[1] + 3 {
+                for n3 in n[2].saturating_sub(2)..n[2] + 3 {
+                    let time = n1 + n2 + n3;
+                    if best.is_some_and(|best| best.1 <= time) {
+                        continue;
+                    }
+                    let trial = [n1, n2, n3];
+                    let Some(peak) = peak(a0, dv, trial) else { continue };
+                    if peak.abs() <= self.a && self.strain(a0, peak, trial) == (false, false) {
+                        best = Some((trial, time));
+                    }
+                }
+            }
+        }
+        best.map(|best| best.0)
     }
 
     /// [`Rates::relax`] for the ramp from a state to the velocity `v1`.

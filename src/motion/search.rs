@@ -92,11 +92,12 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
 }
 
 /// Fixes the durations for a cruise velocity near `vc` and solves it exactly.
-fn cruise_at(mut path: Path, mut vc: i128, way: i128, rates: &Rates) -> Option<Path> {
+fn cruise_at(mut path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path> {
     let at = path.at;
-    if vc <= 0 {
+    if wanted <= 0 {
         return None;
     }
+    let mut vc = wanted;
     let (mut shape, reach) = shape(at, vc, rates)?;
     shape.cruise = segments(div_up((way - reach).max(0), vc))?;
     if shape.up == [0; 3] {
@@ -108,13 +109,24 @@ fn cruise_at(mut path: Path, mut vc: i128, way: i128, rates: &Rates) -> Option<P
             shape.cruise += 1;
             continue;
         }
-        let up = rates.relax_signed(at, vc, shape.up)?;
-        let down = rates.relax_signed(Point { s: 0, v: vc, a: 0 }, 0, shape.down)?;
+        let longer = |from: Point, v1: i128, n: [u32; 3]| match rates.relax_signed(from, v1, n) {
+            Some(same) if same == n => Some(n),
+            // A few segments more may not be enough: what this velocity needs is known.
+            _ => {
+                let need = rates.ramp(from.v, from.a, v1)?;
+                let n = [n[0].max(need[0]), n[1].max(need[1]), n[2].max(need[2])];
+                rates.relax_signed(from, v1, n)
+            }
+        };
+        let up = longer(at, vc, shape.up)?;
+        let down = longer(Point { s: 0, v: vc, a: 0 }, 0, shape.down)?;
         if up == shape.up && down == shape.down {
             shape.push(&mut path, vc)?;
             return Some(path);
         }
-        (shape.up, shape.down) = (up, down);
+        // The longer ramps cover way too: less is left to the cruise.
+        shape = Shape { up, cruise: 0, down };
+        shape.cruise = segments(div_up((way - shape.way(at, wanted)?).max(0), wanted))?;
     }
     None
 }

@@ -354,3 +354,11 @@ fn extreme_limits_and_states_never_panic() {
     }
     eprintln!("extremes: {planned} of 200000 planned");
 }
+
+#[test]
+fn debug_one() {
+    let l = Limits { velocity: 109374524249605, acceleration: 572069758384, jerk: 6131172957 };
+    let state = State { position: 256274663333030659, velocity: 72880219539364423761920, acceleration: -613629375412824670208 };
+    let p = to_velocity(state, 23218620510239, l).unwrap();
+    eprintln!("{p:?}");
+}
