@@ -8,6 +8,7 @@ pub mod profile;
 pub mod ramp;
 pub mod roots;
 mod search;
+mod sloped;
 
 #[cfg(test)]
 mod reference;

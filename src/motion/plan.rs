@@ -112,9 +112,14 @@ fn settled(from: Point, rates: &Rates, v_most: i128) -> Option<Path> {
     let swing = from.a - from.a.signum() * rates.j.checked_mul(n)?;
     let a_most = rates.a.max(from.a.abs());
     let mut found = None;
-    for eighths in [0, 4, 8, 6, 7, 5, 2, 3, 1] {
+    // The ninth way stops one segment short at full jerk and rounds that one off.
+    for eighths in [0, 4, 8, 6, 7, 5, 2, 3, 1, 9] {
         let mut path = Path::new(from);
-        path.push(segments(n)?, swing / 8 * eighths)?;
+        if eighths == 9 {
+            path.push(segments(n - 1)?, swing + from.a.signum() * rates.j)?;
+        } else {
+            path.push(segments(n)?, swing / 8 * eighths)?;
+        }
         if path.at.a != 0 {
             path.push(1, 0)?;
         }

@@ -65,7 +65,11 @@ impl Rates {
     pub fn usable(self, from: Point) -> Rates {
         let speed = self.v.max(from.v.abs()).max(from.a.abs());
         let a = self.a.min(speed);
-        Rates { a, j: self.j.min(a.max(from.a.abs())), ..self }
+        Rates {
+            a,
+            j: self.j.min(a.max(from.a.abs())),
+            ..self
+        }
     }
 
     /// Velocity change while `a` falls to zero at full jerk: a·|a| / 2J, to 2^-48.
@@ -132,7 +136,9 @@ impl Rates {
         if n == [0; 3] && a0 == 0 && dv == 0 {
             return Some(n);
         }
-        self.bump(a0, dv, n, 2).or_else(|| self.nearby(a0, dv, n)).or_else(|| self.bump(a0, dv, n, 12))
+        self.bump(a0, dv, n, 2)
+            .or_else(|| self.nearby(a0, dv, n))
+            .or_else(|| self.bump(a0, dv, n, 12))
     }
 
     /// Adds a segment where the strain is, at most `times`.
@@ -168,7 +174,9 @@ impl Rates {
                         continue;
                     }
                     let trial = [n1, n2, n3];
-                    let Some(peak) = peak(a0, dv, trial) else { continue };
+                    let Some(peak) = peak(a0, dv, trial) else {
+                        continue;
+                    };
                     if peak.abs() <= self.a && self.strain(a0, peak, trial) == (false, false) {
                         best = Some((trial, time));
                     }
@@ -186,7 +194,10 @@ impl Rates {
     /// Whether the first and the last part of a ramp ask for too much jerk.
     fn strain(&self, a0: i128, peak: i128, n: [u32; 3]) -> (bool, bool) {
         let [n1, _, n3] = n.map(i128::from);
-        ((peak - a0).abs() > self.j * n1, peak.abs() > self.j * n3)
+        (
+            (peak - a0).abs() > self.j.saturating_mul(n1),
+            peak.abs() > self.j.saturating_mul(n3),
+        )
     }
 }
 
@@ -322,7 +333,7 @@ impl Path {
             } else {
                 from.v.abs()
             };
-            jerk <= rates.j * i128::from(n) && a1.abs() <= a_most && extreme <= v_most
+            jerk <= rates.j.saturating_mul(i128::from(n)) && a1.abs() <= a_most && extreme <= v_most
         })
     }
 

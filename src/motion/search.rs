@@ -51,17 +51,19 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
     let at = path.at;
     let free = at.v + rates.forced(at.a)?;
     let slowing = at.a < 0 && free > 0;
-    if slowing && shape(at, free.min(rates.v), &rates)?.1 > way {
+    let too_fast = free.max(at.v) > rates.v;
+    let full = shape(at, rates.v, &rates)?.1;
+    if slowing && (free <= rates.v || full > way) && shape(at, free, &rates)?.1 > way {
         return ease(path, way, &rates);
     }
-    let full = shape(at, rates.v, &rates)?.1;
-    let too_fast = free.max(at.v) > rates.v;
-    if too_fast && full > way && !slowing {
+    let keep_speed = too_fast && full > way && (!slowing || free > rates.v);
+    if keep_speed {
         // Braking to the limit first and again to rest would pass the target: the speed that is
         // forced in any case is kept for the little that remains before the stop.
-        rates.v = free.max(at.v);
+        rates.v = if slowing { free } else { free.max(at.v) };
     }
-    let crossing = at.a < 0 && !(slowing && too_fast) || at.a > 0 && too_fast;
+    let near_limit = free > rates.v - rates.v / 8;
+    let crossing = at.a < 0 && (!slowing || free <= rates.v) || at.a > 0 && near_limit;
     if lead && crossing {
         lead_in(&mut path, &rates)?;
     }
@@ -91,8 +93,33 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
     cruise_at(path, low, way, &rates)
 }
 
-/// Fixes the durations for a cruise velocity near `vc` and solves it exactly.
-fn cruise_at(mut path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path> {
+/// Fixes the durations for a cruise velocity near `wanted` and solves the rest exactly.
+fn cruise_at(path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path> {
+    if wanted <= 0 {
+        return None;
+    }
+    let near = cruise_near(path, wanted, way, rates);
+    let (ideal, reach) = shape(path.at, wanted, rates)?;
+    let segments = ideal
+        .up
+        .iter()
+        .chain(&ideal.down)
+        .map(|n| i128::from(*n))
+        .sum::<i128>();
+    let fair = i128::from(path.time) + segments + (way - reach) / wanted + 2;
+    if near.is_some_and(|near| i128::from(near.time) <= fair) {
+        return near;
+    }
+    // Ramps to a velocity a little lower can cost more than the cruise gives.
+    let sloped = super::sloped::cruise(path, wanted, way, rates);
+    [near, sloped]
+        .into_iter()
+        .flatten()
+        .min_by_key(|path| path.time)
+}
+
+/// The solution in which the cruise velocity absorbs the rounding of the durations.
+fn cruise_near(mut path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path> {
     let at = path.at;
     if wanted <= 0 {
         return None;
@@ -125,14 +152,18 @@ fn cruise_at(mut path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<P
             return Some(path);
         }
         // The longer ramps cover way too: less is left to the cruise.
-        shape = Shape { up, cruise: 0, down };
+        shape = Shape {
+            up,
+            cruise: 0,
+            down,
+        };
         shape.cruise = segments(div_up((way - shape.way(at, wanted)?).max(0), wanted))?;
     }
     None
 }
 
 /// The argument near `x` at which the affine function `f` is `goal`.
-fn solve(f: impl Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -> Option<i128> {
+pub(super) fn solve(f: impl Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -> Option<i128> {
     // A step that is large against the rounding of f, small against its range.
     let step = 1 << 70;
     let slope = (f(x + step)? - f(x)?) >> 30;

@@ -357,8 +357,40 @@ fn extreme_limits_and_states_never_panic() {
 
 #[test]
 fn debug_one() {
-    let l = Limits { velocity: 109374524249605, acceleration: 572069758384, jerk: 6131172957 };
-    let state = State { position: 256274663333030659, velocity: 72880219539364423761920, acceleration: -613629375412824670208 };
-    let p = to_velocity(state, 23218620510239, l).unwrap();
+    let l = Limits {
+        velocity: 64073387514873,
+        acceleration: 588017505473,
+        jerk: 763548229,
+    };
+    let state = State {
+        position: 760130158852165269,
+        velocity: 308188772215075534536704,
+        acceleration: 0,
+    };
+    let p = to_position(state, 957745605067734784, l).unwrap();
     eprintln!("{p:?}");
+    let rates = super::ramp::Rates::of(l).unwrap();
+    let from = super::ramp::Point {
+        s: 0,
+        v: state.velocity << 14,
+        a: 0,
+    };
+    let way = i128::from(957745605067734784i64 - state.position) << 44;
+    let d = super::search::direct(super::ramp::Path::new(from), way, rates, false);
+    eprintln!(
+        "direct {:?} {:?}",
+        d.is_some(),
+        d.map(|d| (d.time, d.keeps(&rates, from.v + (from.v >> 40), rates.a)))
+    );
+    let d = super::sloped::cruise(super::ramp::Path::new(from), from.v, way, &rates);
+    eprintln!(
+        "sloped {:?} {:?}",
+        d.is_some(),
+        d.map(|d| (
+            d.time,
+            d.keeps(&rates, from.v + (from.v >> 40), rates.a),
+            d.finish(state.position, 957745605067734784i64, 0, 1)
+                .is_some()
+        ))
+    );
 }
