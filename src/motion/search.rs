@@ -90,7 +90,17 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
             break;
         }
     }
-    cruise_at(path, low, way, &rates)
+    let found = cruise_at(path, low, way, &rates);
+    if free <= 0 || low > free + free / 4 {
+        return found;
+    }
+    // Hardly anything to gain from a rise: the stop alone may fit better.
+    let level = super::sloped::cruise(path, free, way, &rates);
+    let stop = super::sloped::stop(path, way, &rates);
+    [found, level, stop]
+        .into_iter()
+        .flatten()
+        .min_by_key(|path| path.time)
 }
 
 /// Fixes the durations for a cruise velocity near `wanted` and solves the rest exactly.
@@ -219,6 +229,21 @@ fn ease(path: Path, way: i128, rates: &Rates) -> Option<Path> {
                 }
             }
         }
+    }
+    // Easing at full jerk, and a sloped stop for the rest.
+    for m in [
+        low,
+        low.saturating_sub(1),
+        low.saturating_sub(3),
+        low - low / 8,
+    ] {
+        let mut eased = path;
+        eased.push(m, at.a + rates.j * i128::from(m))?;
+        let found = super::sloped::stop(eased, way, rates);
+        best = [best, found]
+            .into_iter()
+            .flatten()
+            .min_by_key(|path| path.time);
     }
     best
 }
