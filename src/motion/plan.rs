@@ -170,11 +170,17 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
             .filter(|path| path.keeps(&rates, v_most, a_most))
             .and_then(|path| Some((path.time, finish(path, sign)?)))
     });
+    // Where a stop ends almost at the target, bending it there beats every other way.
+    let bent = (rest.abs() < stop.at.s.abs() / 4)
+        .then(|| super::sloped::stop(Path::new(mirrored), sign * way, &rates))
+        .flatten()
+        .filter(|path| path.keeps(&rates, v_most, a_most))
+        .and_then(|path| Some((path.time, finish(path, sign)?)));
     // Stop, then go: always possible, and the better way when the rest is tiny.
     let mut detour = if sign < 0 { stop.mirrored() } else { stop };
     let detour = rest_to_rest(&mut detour, rest.abs(), &rates)
         .and_then(|()| Some((detour.time, finish(detour, sign)?)));
-    [direct, detour]
+    [direct, bent, detour]
         .into_iter()
         .flatten()
         .min_by_key(|found| found.0)

@@ -39,18 +39,30 @@ pub(super) fn cruise(mut path: Path, vc: i128, way: i128, rates: &Rates) -> Opti
 /// The stop from the present state, without touching zero acceleration before its end.
 pub(super) fn stop(path: Path, way: i128, rates: &Rates) -> Option<Path> {
     let n = rates.ramp(path.at.v, path.at.a, 0)?;
-    LONGER.into_iter().find_map(|longer| {
+    let [n1, n2, n3] = n;
+    // A stop that is already under way has the durations of its own plan left, which may be
+    // shorter than those found afresh.
+    let level = n1 + n2;
+    let under_way = (0..4u32).flat_map(|less| {
+        let middle = (level + 1).saturating_sub(less).max(1);
+        [
+            [1, middle - 1, n3],
+            [1, middle - 1, n3 + 1],
+            [n1.max(1), (n2 + 1).saturating_sub(less), n3],
+        ]
+    });
+    let longer = LONGER.into_iter().flat_map(|longer| {
         let half = longer.div_ceil(2);
-        let [n1, n2, n3] = n;
         [
             [n1.max(1), n2 + longer, n3 + 1],
             [n1 + 1, (n2 + longer).max(1), n3],
             [n1 + half, (n2 + longer).max(1), n3 + half],
             [n1 + longer, n2.max(1), n3 + 1],
         ]
-        .into_iter()
+    });
+    under_way
+        .chain(longer)
         .find_map(|n| stop_at(path, n, way, rates))
-    })
 }
 
 /// The stop with these durations that ends exactly at `way`, if it keeps the limits.
