@@ -165,11 +165,12 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
         rest_to_rest(&mut path, rest.abs(), &rates)?;
         return finish(path, sign);
     }
-    let direct = [false, true].into_iter().find_map(|lead| {
+    let direct = |lead| {
         super::search::direct(Path::new(mirrored), sign * way, rates, lead)
             .filter(|path| path.keeps(&rates, v_most, a_most))
             .and_then(|path| Some((path.time, finish(path, sign)?)))
-    });
+    };
+    let led = if from.a == 0 { None } else { direct(true) };
     // Where a stop ends almost at the target, bending it there beats every other way.
     let bent = (rest.abs() < stop.at.s.abs() / 4)
         .then(|| super::sloped::stop(Path::new(mirrored), sign * way, &rates))
@@ -180,7 +181,7 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
     let mut detour = if sign < 0 { stop.mirrored() } else { stop };
     let detour = rest_to_rest(&mut detour, rest.abs(), &rates)
         .and_then(|()| Some((detour.time, finish(detour, sign)?)));
-    [direct, bent, detour]
+    [direct(false), led, bent, detour]
         .into_iter()
         .flatten()
         .min_by_key(|found| found.0)

@@ -138,6 +138,7 @@ impl Rates {
         }
         self.bump(a0, dv, n, 2)
             .or_else(|| self.nearby(a0, dv, n))
+            .or_else(|| self.bent(a0, dv, n))
             .or_else(|| self.bump(a0, dv, n, 12))
     }
 
@@ -184,6 +185,21 @@ impl Rates {
             }
         }
         best.map(|best| best.0)
+    }
+
+    /// A ramp that hardly does more than end the acceleration: it falls steeply first and then
+    /// less, with the corner anywhere, because a straight fall in whole segments is too long.
+    fn bent(&self, a0: i128, dv: i128, n: [u32; 3]) -> Option<[u32; 3]> {
+        let total = n[0].checked_add(n[1])?.checked_add(n[2])?;
+        (total.saturating_sub(1)..total.saturating_add(3)).find_map(|total| {
+            (1..8).find_map(|part| {
+                let n1 = (u64::from(total) * part / 8) as u32;
+                let trial = [n1, 0, total - n1];
+                let peak = peak(a0, dv, trial)?;
+                let valid = peak.abs() <= self.a.max(a0.abs());
+                (valid && self.strain(a0, peak, trial) == (false, false)).then_some(trial)
+            })
+        })
     }
 
     /// [`Rates::relax`] for the ramp from a state to the velocity `v1`.

@@ -358,39 +358,48 @@ fn extreme_limits_and_states_never_panic() {
 #[test]
 fn debug_one() {
     let l = Limits {
-        velocity: 64073387514873,
-        acceleration: 588017505473,
-        jerk: 763548229,
+        velocity: 305091210050284,
+        acceleration: 400310959513,
+        jerk: 873094658,
     };
     let state = State {
-        position: 760130158852165269,
-        velocity: 308188772215075534536704,
-        acceleration: 0,
+        position: 117281266245230857,
+        velocity: 302328178457201688675584,
+        acceleration: 217460477711649330432,
     };
-    let p = to_position(state, 957745605067734784, l).unwrap();
-    eprintln!("{p:?}");
+    let target = 530190901969658880i64;
     let rates = super::ramp::Rates::of(l).unwrap();
     let from = super::ramp::Point {
         s: 0,
         v: state.velocity << 14,
-        a: 0,
+        a: state.acceleration << 14,
     };
-    let way = i128::from(957745605067734784i64 - state.position) << 44;
-    let d = super::search::direct(super::ramp::Path::new(from), way, rates, false);
+    let way = i128::from(target - state.position) << 44;
     eprintln!(
-        "direct {:?} {:?}",
-        d.is_some(),
-        d.map(|d| (d.time, d.keeps(&rates, from.v + (from.v >> 40), rates.a)))
+        "free {} V {} v {}",
+        from.v + rates.forced(from.a).unwrap(),
+        rates.v,
+        from.v
     );
-    let d = super::sloped::cruise(super::ramp::Path::new(from), from.v, way, &rates);
-    eprintln!(
-        "sloped {:?} {:?}",
-        d.is_some(),
-        d.map(|d| (
-            d.time,
-            d.keeps(&rates, from.v + (from.v >> 40), rates.a),
-            d.finish(state.position, 957745605067734784i64, 0, 1)
-                .is_some()
-        ))
-    );
+    for lead in [false, true] {
+        let d = super::search::direct(super::ramp::Path::new(from), way, rates, lead);
+        eprintln!(
+            "direct {:?} {:?}",
+            d.is_some(),
+            d.map(|d| (d.time, d.keeps(&rates, rates.v + (rates.v >> 40), rates.a)))
+        );
+    }
+    for vc in [rates.v, from.v + rates.forced(from.a).unwrap()] {
+        let d = super::sloped::cruise(super::ramp::Path::new(from), vc, way, &rates);
+        eprintln!(
+            "sloped {:?} {:?} {:?}",
+            d.is_some(),
+            rates.ramp(from.v, from.a, vc),
+            d.map(|d| (
+                d.time,
+                d.keeps(&rates, from.v + (from.v >> 40), rates.a),
+                d.finish(state.position, target, 0, 1).is_some()
+            ))
+        );
+    }
 }
