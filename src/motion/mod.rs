@@ -3,6 +3,7 @@
 //! [`plan`] turns a state and a goal into a [`Profile`]; [`profile`] evaluates it once per
 //! segment. Time is counted in whole segments, so nothing is ever rounded in time.
 
+mod path;
 pub mod plan;
 pub mod profile;
 pub mod ramp;

@@ -2,11 +2,15 @@
 //!
 //! All durations are whole segments. They are found first, from the ideal profile rounded up;
 //! with them fixed the way is affine in the remaining amplitude, which is then solved exactly.
+//! Candidates are compared by their duration; stop and rest-to-rest move always exists.
+//!
+//! Limitation: from rest, and for every change of velocity, the duration is within 2 % and 6
+//! segments of the optimum in continuous time. Where a deceleration under way is re-planned, 2 to
+//! 3 % of plans exceed that, because its exact way leaves whole segments no freedom.
 
+use super::path::{Path, Point};
 use super::profile::{Profile, State};
-use super::ramp::{
-    FARTHEST, FROM_Q60, FROM_Q90, Limits, Path, Point, Rates, Unplannable, div_up, segments,
-};
+use super::ramp::{FARTHEST, FROM_Q60, FROM_Q90, Limits, Rates, Unplannable, div_up, segments};
 use super::roots::{cbrt_up, sqrt_up};
 
 /// Longest continuation of a jog behind its ramp, in segments.
@@ -37,7 +41,7 @@ pub fn to_position(state: State, target: i64, limits: Limits) -> Result<Profile,
 fn start(state: State) -> Option<Point> {
     let small = |x: i128| x.abs() <= 1 << 91;
     let ok = small(state.velocity) && small(state.acceleration) && state.position.abs() <= FARTHEST;
-    ok.then(|| Point {
+    ok.then_some(Point {
         s: 0,
         v: state.velocity << FROM_Q90,
         a: state.acceleration << FROM_Q90,
@@ -172,7 +176,7 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
     };
     let led = if from.a == 0 { None } else { direct(true) };
     // Where a stop ends almost at the target, bending it there beats every other way.
-    let bent = (rest.abs() < stop.at.s.abs() / 4)
+    let bent = (rest.abs() < stop.at.s.abs())
         .then(|| super::sloped::stop(Path::new(mirrored), sign * way, &rates))
         .flatten()
         .filter(|path| path.keeps(&rates, v_most, a_most))
@@ -211,7 +215,7 @@ fn rest_to_rest(path: &mut Path, way: i128, rates: &Rates) -> Option<()> {
         let hold = d.div_ceil(a.checked_mul(r)?);
         let jr = j.checked_mul(r)?;
         let q = hold.max(sqrt_up(d.div_ceil(jr)));
-        let p = d.div_ceil(jr.checked_mul(q).unwrap_or(u128::MAX));
+        let p = d.div_ceil(jr.saturating_mul(q));
         if p + q <= r {
             let cruise = way / r as i128;
             let peak = cruise / q as i128;

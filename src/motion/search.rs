@@ -1,7 +1,8 @@
 //! The cruise velocity of a move that starts in motion.
 
+use super::path::{Path, Point};
 use super::plan::lead_in;
-use super::ramp::{Path, Point, Rates, div_up, segments};
+use super::ramp::{Rates, div_up, segments};
 
 /// Bisection steps for the cruise velocity: what they leave is made up by a short cruise.
 const STEPS: u32 = 24;

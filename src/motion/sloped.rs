@@ -1,7 +1,8 @@
 //! Stops whose hold is not level: they absorb the rounding of the durations where the cruise
 //! velocity cannot, because there is hardly any cruise or the start already has that velocity.
 
-use super::ramp::{Path, Point, Rates, segments};
+use super::path::{Path, Point};
+use super::ramp::{Rates, segments};
 use super::search::solve;
 
 /// By how much a stop is lengthened in turn, in segments: each leaves more room for the slope.
@@ -18,9 +19,9 @@ pub(super) fn cruise(mut path: Path, vc: i128, way: i128, rates: &Rates) -> Opti
     LONGER.into_iter().find_map(|longer| {
         // A triangle has no hold to slope: its sides become longer too.
         let n = [
-            p + (longer + 1) / 2,
+            p + longer.div_ceil(2),
             hold + longer.max(1),
-            p + (longer + 1) / 2,
+            p + longer.div_ceil(2),
         ];
         let stop = Point { s: 0, ..path.at }.after_ramp(n, 0)?.s;
         let left = way - path.at.s - stop;

@@ -4,7 +4,7 @@ extern crate std;
 use super::profile::{COEFFICIENT_BITS, Phase};
 use super::reference::Ideal;
 use super::*;
-use std::{eprintln, vec, vec::Vec};
+use std::{eprintln, vec::Vec};
 
 const ONE: f64 = (1u64 << 60) as f64;
 const Q90: f64 = ONE * (1 << 30) as f64;
@@ -249,7 +249,7 @@ fn from_rest_every_plan_keeps_the_limits_and_is_near_the_optimum() {
 #[test]
 fn chains_of_new_targets_overrides_and_stops_keep_the_limits() {
     let mut random = Random(2);
-    let mut kinds = vec![
+    let mut kinds = [
         Excess::default(),
         Excess::default(),
         Excess::default(),
@@ -309,6 +309,10 @@ fn chains_of_new_targets_overrides_and_stops_keep_the_limits() {
     kinds[3].report("override");
     stops.report("stop, jog");
     assert_eq!(stops.over, 0);
+    // Known gap: some re-plans of a deceleration under way take a longer way; see `plan`.
+    for (kind, share) in kinds.iter().zip([0.001, 0.03, 0.002, 0.03]) {
+        assert!(f64::from(kind.over) <= share * f64::from(kind.plans));
+    }
 }
 
 #[test]
@@ -339,16 +343,17 @@ fn extreme_limits_and_states_never_panic() {
             acceleration: a * sign(&mut random),
         };
         let target = q60(3.9 * random.signed());
-        for plan in [
+        for profile in [
             to_position(state, target, l),
             to_velocity(state, target >> random.below(60), l),
-        ] {
-            if let Ok(profile) = plan {
-                planned += 1;
-                check(&profile, state, l);
-                if profile.end_velocity() == 0 {
-                    check_target(&profile, profile.end_position());
-                }
+        ]
+        .into_iter()
+        .flatten()
+        {
+            planned += 1;
+            check(&profile, state, l);
+            if profile.end_velocity() == 0 {
+                check_target(&profile, profile.end_position());
             }
         }
     }
@@ -356,50 +361,21 @@ fn extreme_limits_and_states_never_panic() {
 }
 
 #[test]
-fn debug_one() {
-    let l = Limits {
-        velocity: 305091210050284,
-        acceleration: 400310959513,
-        jerk: 873094658,
-    };
-    let state = State {
-        position: 117281266245230857,
-        velocity: 302328178457201688675584,
-        acceleration: 217460477711649330432,
-    };
-    let target = 530190901969658880i64;
-    let rates = super::ramp::Rates::of(l).unwrap();
-    let from = super::ramp::Point {
-        s: 0,
-        v: state.velocity << 14,
-        a: state.acceleration << 14,
-    };
-    let way = i128::from(target - state.position) << 44;
-    eprintln!(
-        "free {} V {} v {}",
-        from.v + rates.forced(from.a).unwrap(),
-        rates.v,
-        from.v
-    );
-    for lead in [false, true] {
-        let d = super::search::direct(super::ramp::Path::new(from), way, rates, lead);
-        eprintln!(
-            "direct {:?} {:?}",
-            d.is_some(),
-            d.map(|d| (d.time, d.keeps(&rates, rates.v + (rates.v >> 40), rates.a)))
-        );
-    }
-    for vc in [rates.v, from.v + rates.forced(from.a).unwrap()] {
-        let d = super::sloped::cruise(super::ramp::Path::new(from), vc, way, &rates);
-        eprintln!(
-            "sloped {:?} {:?} {:?}",
-            d.is_some(),
-            rates.ramp(from.v, from.a, vc),
-            d.map(|d| (
-                d.time,
-                d.keeps(&rates, from.v + (from.v >> 40), rates.a),
-                d.finish(state.position, target, 0, 1).is_some()
-            ))
-        );
+fn moves_as_slow_as_two_to_the_thirty_segments_end_exactly() {
+    for (velocity, acceleration, jerk) in [
+        (1 << 31, 1 << 60, 1 << 60),
+        (1 << 31, 1 << 12, 1),
+        (1 << 40, 1 << 16, 1),
+    ] {
+        let l = Limits {
+            velocity,
+            acceleration,
+            jerk,
+        };
+        for target in [1, -1 << 59, 1 << 60] {
+            let profile = to_position(State::rest(0), target, l).unwrap();
+            check(&profile, State::rest(0), l);
+            check_target(&profile, target);
+        }
     }
 }
