@@ -8,16 +8,14 @@
 //! ```
 //! Time is counted in whole segments, so nothing is ever rounded in time.
 
-pub mod bounds;
-pub mod budget;
-pub mod limits;
+mod path;
 pub mod plan;
 pub mod planner;
 pub mod profile;
 pub mod ramp;
 pub mod roots;
 mod search;
-pub mod track;
+mod sloped;
 
 #[cfg(test)]
 mod reference;
