@@ -8,6 +8,9 @@
 //! ```
 //! Time is counted in whole segments, so nothing is ever rounded in time.
 
+pub mod bounds;
+pub mod budget;
+pub mod limits;
 mod path;
 pub mod plan;
 pub mod planner;
@@ -16,6 +19,7 @@ pub mod ramp;
 pub mod roots;
 mod search;
 mod sloped;
+pub mod track;
 
 #[cfg(test)]
 mod reference;

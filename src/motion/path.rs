@@ -20,10 +20,7 @@ impl Point {
         let n = i128::from(n);
         let dv = n.checked_mul(self.a + a1)? >> 1;
         let bend = n.checked_mul(n)?.checked_mul(2 * self.a + a1)? / 6;
-        let s = self
-            .s
-            .checked_add(n.checked_mul(self.v)?)?
-            .checked_add(bend)?;
+        let s = self.s.checked_add(n.checked_mul(self.v)?)?.checked_add(bend)?;
         let v = self.v + dv;
         let sane = s.abs() < 1 << (BITS + 6) && v.abs() < 1 << (BITS + 3);
         sane.then_some(Point { s, v, a: a1 })
@@ -55,12 +52,7 @@ pub(super) struct Path {
 
 impl Path {
     pub fn new(at: Point) -> Path {
-        Path {
-            phases: [(0, 0, Point::default()); MAX_PHASES],
-            count: 0,
-            at,
-            time: 0,
-        }
+        Path { phases: [(0, 0, Point::default()); MAX_PHASES], count: 0, at, time: 0 }
     }
 
     /// Goes to the acceleration `a1` in `n` segments.
@@ -93,12 +85,8 @@ impl Path {
             let crossing = (from.a < 0) != (a1 < 0) && from.a != 0 && a1 != 0;
             // Where the acceleration crosses zero the velocity has its extreme.
             let extreme = if crossing {
-                let own = Rates {
-                    j: (jerk / i128::from(n.max(1))).max(1),
-                    ..*rates
-                };
-                own.forced(from.a)
-                    .map_or(i128::MAX, |dv| (from.v + dv).abs())
+                let own = Rates { j: (jerk / i128::from(n.max(1))).max(1), ..*rates };
+                own.forced(from.a).map_or(i128::MAX, |dv| (from.v + dv).abs())
             } else {
                 from.v.abs()
             };
@@ -112,16 +100,10 @@ impl Path {
         if (sign * self.at.s - goal).abs() > 1 << (BITS - 57) {
             return None;
         }
-        let mut profile = Profile {
-            duration: self.time,
-            last: end,
-            end_position: end,
-            end_velocity,
-            ..Profile::default()
-        };
+        let mut profile =
+            Profile { duration: self.time, last: end, end_position: end, end_velocity, ..Profile::default() };
         let mut time = 0;
-        for (phase, &(n, a1, from)) in profile.phases.iter_mut().zip(&self.phases).take(self.count)
-        {
+        for (phase, &(n, a1, from)) in profile.phases.iter_mut().zip(&self.phases).take(self.count) {
             time += n;
             *phase = cubic(n, time, start, sign, from, a1)?;
         }
@@ -131,11 +113,7 @@ impl Path {
 
     /// The same path seen from the other side.
     pub fn mirrored(mut self) -> Path {
-        let flip = |at: Point| Point {
-            s: -at.s,
-            v: -at.v,
-            a: -at.a,
-        };
+        let flip = |at: Point| Point { s: -at.s, v: -at.v, a: -at.a };
         for phase in &mut self.phases {
             *phase = (phase.0, -phase.1, flip(phase.2));
         }
@@ -145,14 +123,7 @@ impl Path {
 }
 
 /// The coefficients of one phase, refused where evaluation could leave an i64.
-pub(super) fn cubic(
-    n: u32,
-    end: u32,
-    start: i64,
-    sign: i128,
-    from: Point,
-    a1: i128,
-) -> Option<Phase> {
+pub(super) fn cubic(n: u32, end: u32, start: i64, sign: i128, from: Point, a1: i128) -> Option<Phase> {
     // At least 1: a shift by 32 has no meaning in u32.
     let k = (32 - n.saturating_sub(1).leading_zeros()).max(1);
     let round = |x: i128, bits: u32| (x + (1 << (bits - 1))) >> bits;
@@ -173,19 +144,12 @@ pub(super) fn cubic(
     // v0·n where only the velocity changes its sign.
     let segments = i128::from(n);
     let drift = segments.checked_mul(from.v.abs())?;
-    let bend = segments
-        .checked_mul(segments)?
-        .checked_mul(from.a.abs().max(a1.abs()))?
-        / 2;
+    let bend = segments.checked_mul(segments)?.checked_mul(from.a.abs().max(a1.abs()))? / 2;
     let near = if from.a.signum() * a1.signum() < 0 {
         drift.checked_add(bend)? < ROOM
     } else {
         drift < ROOM || from.v.signum() * from.after(n, a1)?.v.signum() >= 0
     };
     let inside = c0.abs() <= FARTHEST && near;
-    inside.then_some(Phase {
-        end,
-        shift: (32 - k) as u8,
-        c: [c0, terms[0], terms[1], terms[2]],
-    })
+    inside.then_some(Phase { end, shift: (32 - k) as u8, c: [c0, terms[0], terms[1], terms[2]] })
 }

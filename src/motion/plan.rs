@@ -41,11 +41,7 @@ pub fn to_position(state: State, target: i64, limits: Limits) -> Result<Profile,
 fn start(state: State) -> Option<Point> {
     let small = |x: i128| x.abs() <= 1 << 91;
     let ok = small(state.velocity) && small(state.acceleration) && state.position.abs() <= FARTHEST;
-    ok.then_some(Point {
-        s: 0,
-        v: state.velocity << FROM_Q90,
-        a: state.acceleration << FROM_Q90,
-    })
+    ok.then_some(Point { s: 0, v: state.velocity << FROM_Q90, a: state.acceleration << FROM_Q90 })
 }
 
 fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
@@ -175,13 +171,9 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
         .and_then(|path| Some((path.time, finish(path, sign)?)));
     // Stop, then go: always possible, and the better way when the rest is tiny.
     let mut detour = if sign < 0 { stop.mirrored() } else { stop };
-    let detour = rest_to_rest(&mut detour, rest.abs(), &rates)
-        .and_then(|()| Some((detour.time, finish(detour, sign)?)));
-    [direct(false), led, bent, detour]
-        .into_iter()
-        .flatten()
-        .min_by_key(|found| found.0)
-        .map(|found| found.1)
+    let detour =
+        rest_to_rest(&mut detour, rest.abs(), &rates).and_then(|()| Some((detour.time, finish(detour, sign)?)));
+    [direct(false), led, bent, detour].into_iter().flatten().min_by_key(|found| found.0).map(|found| found.1)
 }
 
 /// From rest to rest over `way > 0`.

@@ -54,11 +54,7 @@ impl Rates {
     pub fn usable(self, from: Point) -> Rates {
         let speed = self.v.max(from.v.abs()).max(from.a.abs());
         let a = self.a.min(speed);
-        Rates {
-            a,
-            j: self.j.min(a.max(from.a.abs())),
-            ..self
-        }
+        Rates { a, j: self.j.min(a.max(from.a.abs())), ..self }
     }
 
     /// Velocity change while `a` falls to zero at full jerk: a·|a| / 2J, to 2^-48.
@@ -195,10 +191,7 @@ impl Rates {
     /// Whether the first and the last part of a ramp ask for too much jerk.
     fn strain(&self, a0: i128, peak: i128, n: [u32; 3]) -> (bool, bool) {
         let [n1, _, n3] = n.map(i128::from);
-        (
-            (peak - a0).abs() > self.j.saturating_mul(n1),
-            peak.abs() > self.j.saturating_mul(n3),
-        )
+        ((peak - a0).abs() > self.j.saturating_mul(n1), peak.abs() > self.j.saturating_mul(n3))
     }
 }
 

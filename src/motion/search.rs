@@ -85,10 +85,7 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
     // Hardly anything to gain from a rise: the stop alone may fit better.
     let level = super::sloped::cruise(path, free, way, &rates);
     let stop = super::sloped::stop(path, way, &rates);
-    [found, level, stop]
-        .into_iter()
-        .flatten()
-        .min_by_key(|path| path.time)
+    [found, level, stop].into_iter().flatten().min_by_key(|path| path.time)
 }
 
 /// Fixes the durations for a cruise velocity near `wanted` and solves the rest exactly.
@@ -98,22 +95,14 @@ fn cruise_at(path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path>
     }
     let near = cruise_near(path, wanted, way, rates);
     let (ideal, reach) = shape(path.at, wanted, rates)?;
-    let segments = ideal
-        .up
-        .iter()
-        .chain(&ideal.down)
-        .map(|n| i128::from(*n))
-        .sum::<i128>();
+    let segments = ideal.up.iter().chain(&ideal.down).map(|n| i128::from(*n)).sum::<i128>();
     let fair = i128::from(path.time) + segments + (way - reach) / wanted + 2;
     if near.is_some_and(|near| i128::from(near.time) <= fair) {
         return near;
     }
     // Ramps to a velocity a little lower can cost more than the cruise gives.
     let sloped = super::sloped::cruise(path, wanted, way, rates);
-    [near, sloped]
-        .into_iter()
-        .flatten()
-        .min_by_key(|path| path.time)
+    [near, sloped].into_iter().flatten().min_by_key(|path| path.time)
 }
 
 /// The solution in which the cruise velocity absorbs the rounding of the durations.
@@ -150,11 +139,7 @@ fn cruise_near(mut path: Path, wanted: i128, way: i128, rates: &Rates) -> Option
             return Some(path);
         }
         // The longer ramps cover way too: less is left to the cruise.
-        shape = Shape {
-            up,
-            cruise: 0,
-            down,
-        };
+        shape = Shape { up, cruise: 0, down };
         shape.cruise = segments(div_up((way - shape.way(at, wanted)?).max(0), wanted))?;
     }
     None
@@ -215,19 +200,11 @@ fn ease(path: Path, way: i128, rates: &Rates) -> Option<Path> {
         }
     }
     // Easing at full jerk, and a sloped stop for the rest.
-    for m in [
-        low,
-        low.saturating_sub(1),
-        low.saturating_sub(3),
-        low - low / 8,
-    ] {
+    for m in [low, low.saturating_sub(1), low.saturating_sub(3), low - low / 8] {
         let mut eased = path;
         eased.push(m, at.a + rates.j * i128::from(m))?;
         let found = super::sloped::stop(eased, way, rates);
-        best = [best, found]
-            .into_iter()
-            .flatten()
-            .min_by_key(|path| path.time);
+        best = [best, found].into_iter().flatten().min_by_key(|path| path.time);
     }
     best
 }

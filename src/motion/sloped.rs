@@ -18,11 +18,7 @@ pub(super) fn cruise(mut path: Path, vc: i128, way: i128, rates: &Rates) -> Opti
     let [p, hold, _] = rates.symmetric(vc)?;
     LONGER.into_iter().find_map(|longer| {
         // A triangle has no hold to slope: its sides become longer too.
-        let n = [
-            p + longer.div_ceil(2),
-            hold + longer.max(1),
-            p + longer.div_ceil(2),
-        ];
+        let n = [p + longer.div_ceil(2), hold + longer.max(1), p + longer.div_ceil(2)];
         let stop = Point { s: 0, ..path.at }.after_ramp(n, 0)?.s;
         let left = way - path.at.s - stop;
         if left < 0 {
@@ -46,11 +42,7 @@ pub(super) fn stop(path: Path, way: i128, rates: &Rates) -> Option<Path> {
     let level = n1 + n2;
     let under_way = (0..4u32).flat_map(|less| {
         let middle = (level + 1).saturating_sub(less).max(1);
-        [
-            [1, middle - 1, n3],
-            [1, middle - 1, n3 + 1],
-            [n1.max(1), (n2 + 1).saturating_sub(less), n3],
-        ]
+        [[1, middle - 1, n3], [1, middle - 1, n3 + 1], [n1.max(1), (n2 + 1).saturating_sub(less), n3]]
     });
     let longer = LONGER.into_iter().flat_map(|longer| {
         let half = longer.div_ceil(2);
@@ -61,9 +53,7 @@ pub(super) fn stop(path: Path, way: i128, rates: &Rates) -> Option<Path> {
             [n1 + longer, n2.max(1), n3 + 1],
         ]
     });
-    under_way
-        .chain(longer)
-        .find_map(|n| stop_at(path, n, way, rates))
+    under_way.chain(longer).find_map(|n| stop_at(path, n, way, rates))
 }
 
 /// The stop with these durations that ends exactly at `way`, if it keeps the limits.
@@ -72,23 +62,12 @@ pub(super) fn stop_at(mut path: Path, n: [u32; 3], way: i128, rates: &Rates) -> 
     let [n1, n2, n3] = n.map(i128::from);
     // The second corner follows from the first and the velocity.
     let known = -2 * at.v - n1.checked_mul(at.a)?;
-    let second = |first: i128| {
-        known
-            .checked_sub((n1 + n2).checked_mul(first)?)?
-            .checked_div(n2 + n3)
-    };
-    let end = |first: i128| {
-        at.after(n[0], first)?
-            .after(n[1], second(first)?)?
-            .after(n[2], 0)
-    };
+    let second = |first: i128| known.checked_sub((n1 + n2).checked_mul(first)?)?.checked_div(n2 + n3);
+    let end = |first: i128| at.after(n[0], first)?.after(n[1], second(first)?)?.after(n[2], 0);
     let first = solve(|first| Some(end(first)?.s), at.a, way)?;
     let second = second(first)?;
     let corners = [at.a, first, second, 0];
-    let steep = corners
-        .windows(2)
-        .zip([n1, n2, n3])
-        .any(|(a, n)| (a[1] - a[0]).abs() > rates.j.saturating_mul(n));
+    let steep = corners.windows(2).zip([n1, n2, n3]).any(|(a, n)| (a[1] - a[0]).abs() > rates.j.saturating_mul(n));
     if steep || first.abs().max(second.abs()) > rates.a {
         return None;
     }

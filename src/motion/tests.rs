@@ -192,12 +192,7 @@ fn from_rest_every_plan_keeps_the_limits_and_is_near_the_optimum() {
 #[test]
 fn chains_of_new_targets_overrides_and_stops_keep_the_limits() {
     let mut random = Random(2);
-    let mut kinds = [
-        Excess::default(),
-        Excess::default(),
-        Excess::default(),
-        Excess::default(),
-    ];
+    let mut kinds = [Excess::default(), Excess::default(), Excess::default(), Excess::default()];
     let mut stops = Excess::default();
     for _ in 0..15_000 {
         let base = random.limits();
@@ -264,12 +259,8 @@ fn extreme_limits_and_states_never_panic() {
         };
         let state = State { position, velocity: v * sign(&mut random), acceleration: a * sign(&mut random) };
         let target = q60(3.9 * random.signed());
-        for profile in [
-            to_position(state, target, l),
-            to_velocity(state, target >> random.below(60), l),
-        ]
-        .into_iter()
-        .flatten()
+        for profile in
+            [to_position(state, target, l), to_velocity(state, target >> random.below(60), l)].into_iter().flatten()
         {
             planned += 1;
             check(&profile, state, l);
@@ -283,16 +274,8 @@ fn extreme_limits_and_states_never_panic() {
 
 #[test]
 fn moves_as_slow_as_two_to_the_thirty_segments_end_exactly() {
-    for (velocity, acceleration, jerk) in [
-        (1 << 31, 1 << 60, 1 << 60),
-        (1 << 31, 1 << 12, 1),
-        (1 << 40, 1 << 16, 1),
-    ] {
-        let l = Limits {
-            velocity,
-            acceleration,
-            jerk,
-        };
+    for (velocity, acceleration, jerk) in [(1 << 31, 1 << 60, 1 << 60), (1 << 31, 1 << 12, 1), (1 << 40, 1 << 16, 1)] {
+        let l = Limits { velocity, acceleration, jerk };
         for target in [1, -1 << 59, 1 << 60] {
             let profile = to_position(State::rest(0), target, l).unwrap();
             check(&profile, State::rest(0), l);

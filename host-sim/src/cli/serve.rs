@@ -5,13 +5,14 @@ use crate::server::{Options, Speed, Station, serve};
 use mio::Poll;
 use std::io::{self, IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
 
 /// Serves virtual stage controllers over TCP and a pseudo terminal.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Machine file, or `paper` for the paper's stage.
     #[arg(long, default_value = "paper")]
-    machine: String,
+    machine: PathBuf,
     /// TCP port of the first board; the next ones follow. 0: the system chooses.
     #[arg(long, default_value_t = 5025)]
     port: u16,
@@ -70,7 +71,7 @@ impl Args {
             let at = |source| Failure::Io { path: options.address.to_string(), source };
             stations.push(Station::new(&machine, &options, &poll).map_err(at)?);
         }
-        println!("Stage controller, machine \"{}\"", machine.name());
+        println!("Stage controller, machine \"{}\"", machine.name);
         for (n, station) in stations.iter_mut().enumerate() {
             println!("Board {}", n + 1);
             println!("  TCP  {}", station.address().map_err(net)?);
