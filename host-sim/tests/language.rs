@@ -18,7 +18,7 @@ fn a_pose_is_reached_to_the_half_step_and_opc_waits_for_it() {
     assert_eq!(c.line("POSE 100,-50,20,0.1,0,-0.2;*OPC?", |_| ()), "1");
     let at: Vec<f64> = c.line("POSE?", |_| ()).split(',').map(|x| x.parse().unwrap()).collect();
     for (have, want) in at[..3].iter().zip([100.0, -50.0, 20.0]) {
-        assert!((have - want as f64).abs() <= 0.026, "{at:?}");
+        assert!((have - want).abs() <= 0.026, "{at:?}");
     }
     assert_eq!(c.line("SYST:ERR?", |_| ()), "0,\"No error\"");
 }

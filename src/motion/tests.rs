@@ -3,7 +3,9 @@ extern crate std;
 
 use super::profile::{COEFFICIENT_BITS, Phase};
 use super::reference::Ideal;
-use super::*;
+use super::plan::{to_position, to_velocity};
+use super::profile::{Profile, State};
+use super::ramp::Limits;
 use std::{eprintln, vec::Vec};
 
 const ONE: f64 = (1u64 << 60) as f64;
