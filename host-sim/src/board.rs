@@ -198,13 +198,7 @@ impl Board {
         self.reports.clear();
     }
 
-    fn play(
-        &mut self,
-        segment: u64,
-        words: &[u32],
-        motor: Option<FineSteps>,
-        observe: &mut impl FnMut(Played<'_>),
-    ) {
+    fn play(&mut self, segment: u64, words: &[u32], motor: Option<FineSteps>, observe: &mut impl FnMut(Played<'_>)) {
         for pair in words.chunks(2) {
             let both = u64::from(pair[0]) | u64::from(*pair.get(1).unwrap_or(&0)) << 32;
             self.hash = (self.hash ^ both).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(5);

@@ -11,14 +11,7 @@ fn output(name: &str) -> PathBuf {
 
 fn calibrate(machine: &Path, block: &Path, more: &[&str]) -> Output {
     let tool = env!("CARGO_BIN_EXE_host-sim");
-    Command::new(tool)
-        .arg("calibrate")
-        .arg(machine)
-        .arg("-o")
-        .arg(block)
-        .args(more)
-        .output()
-        .expect("host-sim runs")
+    Command::new(tool).arg("calibrate").arg(machine).arg("-o").arg(block).args(more).output().expect("host-sim runs")
 }
 
 fn shipped(name: &str) -> PathBuf {

@@ -74,11 +74,7 @@ fn values_that_no_stage_can_have_are_refused_by_key_and_value() {
     names(&refusal("backlash_nm = 300", "backlash_nm = -1"), "axes.X.backlash_nm", "-1");
     names(&refusal("[-5000.0, 5000.0]", "[5000.0, -5000.0]"), "axes.X.travel_um", "[5000, -5000]");
     names(&refusal("max_jerk_um_s3 = 400000.0", "max_jerk_um_s3 = 0.0"), "axes.X.max_jerk_um_s3", "0");
-    names(
-        &refusal("max_velocity_deg_s = 2.0", "max_velocity_deg_s = nan"),
-        "axes.alpha.max_velocity_deg_s",
-        "NaN",
-    );
+    names(&refusal("max_velocity_deg_s = 2.0", "max_velocity_deg_s = nan"), "axes.alpha.max_velocity_deg_s", "NaN");
     names(&refusal("S_ZY = 5.0e-05", "S_ZY = 0.5"), "static_rad.S_ZY", "0.5");
     names(&refusal("S_ZY = 5.0e-05", "S_ZY = nan"), "static_rad.S_ZY", "NaN");
     names(&refusal("[875.0, 100.0, 500.0]", "[875.0, inf, 500.0]"), "fibre_point_um", "inf");

@@ -194,17 +194,13 @@ fn feeding_takes_a_small_part_of_real_time() {
         let all: u32 = (0..AXES).map(step).sum();
         (0..128).map(|tick| if tick % period == 0 { rest() | all } else { rest() }).collect()
     };
-    for (name, words) in [("silent", vec![rest(); 128]), ("6 x 15.6 k/s", busy(64)), ("6 x 500 k/s", busy(2))]
-    {
+    for (name, words) in [("silent", vec![rest(); 128]), ("6 x 15.6 k/s", busy(64)), ("6 x 500 k/s", busy(2))] {
         let mut stage = paper();
         let rounds = 200_000;
         let start = std::time::Instant::now();
         for _ in 0..rounds {
             stage.feed(std::hint::black_box(&words));
         }
-        println!(
-            "{name}: {:.1} ns per segment of 128 words",
-            start.elapsed().as_nanos() as f64 / f64::from(rounds)
-        );
+        println!("{name}: {:.1} ns per segment of 128 words", start.elapsed().as_nanos() as f64 / f64::from(rounds));
     }
 }

@@ -63,13 +63,7 @@ pub struct PlayConfig {
 
 impl Default for PlayConfig {
     fn default() -> Self {
-        PlayConfig {
-            width: 0,
-            dead_band: 1,
-            reference: Flank::Positive,
-            quarter: 1,
-            overlay: Overlay::Follow,
-        }
+        PlayConfig { width: 0, dead_band: 1, reference: Flank::Positive, quarter: 1, overlay: Overlay::Follow }
     }
 }
 
@@ -176,8 +170,7 @@ impl Play {
             if !moving || self.overlay == wanted {
                 return i64::from(self.overlay) << 32;
             }
-            self.take_up =
-                TakeUp { from: self.overlay, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
+            self.take_up = TakeUp { from: self.overlay, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
         }
         self.continue_take_up()
     }

@@ -144,8 +144,7 @@ impl Calibration {
             return shape("calibration screw order");
         }
         for motor in &self.motors {
-            let step_ok =
-                (STEP_MIN..STEP_END).contains(&motor.step_q32) && motor.row_bits == row_bits(motor.step_q32);
+            let step_ok = (STEP_MIN..STEP_END).contains(&motor.step_q32) && motor.row_bits == row_bits(motor.step_q32);
             let travel_ok = motor.travel_lower < motor.travel_upper
                 && motor.travel_lower >= -COORDINATE_LIMIT
                 && motor.travel_upper <= COORDINATE_LIMIT;

@@ -194,11 +194,8 @@ pub fn largest_lever_nm(calibration: &Calibration, pivot: [i32; 3]) -> u64 {
             *r = (p - from_sixteenths(*c)).signum() * to_nanometres(p - from_sixteenths(*c)) as i64;
         }
         let w = s.direction.map(i64::from);
-        let across = [
-            (w[1] * r[2] - w[2] * r[1]) >> 30,
-            (w[2] * r[0] - w[0] * r[2]) >> 30,
-            (w[0] * r[1] - w[1] * r[0]) >> 30,
-        ];
+        let across =
+            [(w[1] * r[2] - w[2] * r[1]) >> 30, (w[2] * r[0] - w[0] * r[2]) >> 30, (w[0] * r[1] - w[1] * r[0]) >> 30];
         across.iter().map(|a| a.unsigned_abs().pow(2)).sum::<u64>().isqrt() + 3
     };
     calibration.screws.iter().map(distance).max().unwrap_or(0)

@@ -52,9 +52,8 @@ pub struct Screw {
 /// w x r, w in Q30, in the unit of r.
 #[inline(always)]
 fn cross(w: &[i32; 3], r: &[i32; 3]) -> [i32; 3] {
-    let minor = |a: i32, b: i32, c: i32, d: i32| {
-        ((i64::from(a) * i64::from(b) - i64::from(c) * i64::from(d)) >> 30) as i32
-    };
+    let minor =
+        |a: i32, b: i32, c: i32, d: i32| ((i64::from(a) * i64::from(b) - i64::from(c) * i64::from(d)) >> 30) as i32;
     [minor(w[1], r[2], w[2], r[1]), minor(w[2], r[0], w[0], r[2]), minor(w[0], r[1], w[1], r[0])]
 }
 

@@ -207,9 +207,7 @@ impl Front {
     fn order(&mut self, action: Action) -> Result<(), Error> {
         self.sequence = self.sequence.wrapping_add(1);
         let order = Order { sequence: self.sequence, segment: None, aborts: self.report.aborts, action };
-        self.orders
-            .push_back(order)
-            .map_err(|_| Error::text(ErrorNumber::Moving, "orders still on their way"))
+        self.orders.push_back(order).map_err(|_| Error::text(ErrorNumber::Moving, "orders still on their way"))
     }
 
     // ---- state ----
@@ -230,11 +228,7 @@ impl Front {
     }
 
     fn standstill(&self) -> Result<(), Error> {
-        if self.planner.is_moving()
-            || !self.report.settled
-            || self.abort != Abort::None
-            || self.preload.is_some()
-        {
+        if self.planner.is_moving() || !self.report.settled || self.abort != Abort::None || self.preload.is_some() {
             return Err(refuse(ErrorNumber::Moving));
         }
         Ok(())
@@ -327,11 +321,7 @@ impl Front {
     /// Flank of a motor, none while unknown.
     pub fn flank(&self, axis: Axis) -> Option<Flank> {
         let bit = |mask: u8| mask >> axis.index() & 1 != 0;
-        bit(self.report.known).then(
-            || {
-                if bit(self.report.negative) { Flank::Negative } else { Flank::Positive }
-            },
-        )
+        bit(self.report.known).then(|| if bit(self.report.negative) { Flank::Negative } else { Flank::Positive })
     }
 
     // ---- motion ----
@@ -514,12 +504,10 @@ impl Front {
         // a jog of an axis that is not homed has no limits but the arithmetic's
         let mut reaches = |x: i32| {
             rest.0[i] = x;
-            self.capability.law.steps(rest).0.iter().zip(&self.capability.limits.0).enumerate().all(
-                |(m, (s, l))| {
-                    let at = settings::steps_to_units(i64::from(*s), self.capability.law.step_q32(m));
-                    !l.homed || (i64::from(l.travel_lower)..=i64::from(l.travel_upper)).contains(&at)
-                },
-            )
+            self.capability.law.steps(rest).0.iter().zip(&self.capability.limits.0).enumerate().all(|(m, (s, l))| {
+                let at = settings::steps_to_units(i64::from(*s), self.capability.law.step_q32(m));
+                !l.homed || (i64::from(l.travel_lower)..=i64::from(l.travel_upper)).contains(&at)
+            })
         };
         if reaches(far) || !reaches(here) {
             return far;
@@ -552,9 +540,8 @@ impl Front {
             for axis in Axis::ALL {
                 let i = axis.index();
                 // Q32 per segment against nm/s
-                let threshold = (u128::from(self.settings.axes[i].start_velocity) << 32)
-                    * u128::from(SEGMENT_NS)
-                    / 1_000_000_000;
+                let threshold =
+                    (u128::from(self.settings.axes[i].start_velocity) << 32) * u128::from(SEGMENT_NS) / 1_000_000_000;
                 if u128::from(speeds[i]) > threshold + (threshold >> 10) {
                     self.uncertain[i] = true;
                 }
@@ -628,8 +615,7 @@ impl Front {
             let mut pose = FinePose::default();
             for (u, (a, b)) in pose.0.iter_mut().zip(from.0.iter().zip(&to.0)) {
                 let (a, b) = (i64::from(*a), i64::from(*b));
-                *u = (a << 32)
-                    + ((((b - a) as i128) << 32) * i128::from(k) / i128::from(DRY_RUN_SAMPLES)) as i64;
+                *u = (a << 32) + ((((b - a) as i128) << 32) * i128::from(k) / i128::from(DRY_RUN_SAMPLES)) as i64;
             }
             let steps = self.capability.law.motors(&pose, &mut remembered).floor();
             for (i, play) in plays.iter_mut().enumerate() {
@@ -698,10 +684,7 @@ impl Front {
         self.standstill()?;
         let calibration = Calibration::decode(block)?;
         if largest_lever_nm(&calibration, calibration.fibre_point) > LEVER_LIMIT_NM {
-            return Err(Error::text(
-                ErrorNumber::DataOutOfRange,
-                "fibre point beyond 60 mm from a rotary axis",
-            ));
+            return Err(Error::text(ErrorNumber::DataOutOfRange, "fibre point beyond 60 mm from a rotary axis"));
         }
         let ceiling = u64::from(self.timing.max_step_rate());
         for (axis, motor) in Axis::ALL.into_iter().zip(&calibration.motors) {
@@ -828,10 +811,7 @@ impl Front {
     pub fn set_pulses(&mut self, settings: &Settings) -> Result<(), Error> {
         self.standstill()?;
         let timing = Timing::new(settings.axes.map(|a| a.timing))
-            .ok_or(Error::text(
-                ErrorNumber::DataOutOfRange,
-                "pulse times above 32 us, or set-up or hold above 128 us",
-            ))?
+            .ok_or(Error::text(ErrorNumber::DataOutOfRange, "pulse times above 32 us, or set-up or hold above 128 us"))?
             .with_inverted(settings.axes.map(|a| a.inverted));
         let ceiling = u64::from(timing.max_step_rate());
         for (axis, motor) in Axis::ALL.into_iter().zip(self.motors()) {
@@ -853,8 +833,7 @@ impl Front {
     /// # Errors
     /// 104 when backlash width, mode or reserve change while moving.
     pub fn set_axes(&mut self, settings: &Settings) -> Result<(), Error> {
-        let reserve =
-            |s: &Settings| s.axes.map(|a| (a.backlash.mode, a.backlash.distance, a.backlash.velocity));
+        let reserve = |s: &Settings| s.axes.map(|a| (a.backlash.mode, a.backlash.distance, a.backlash.velocity));
         if reserve(settings) != reserve(&self.settings) {
             self.standstill()?;
         }
@@ -964,8 +943,7 @@ impl Front {
     }
 
     fn continue_preload(&mut self) {
-        let at_rest =
-            !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence;
+        let at_rest = !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence;
         match self.preload {
             Some(Preload::Away { axis, flank, back }) if at_rest => {
                 // having come this far, it rests on the other flank for certain

@@ -95,9 +95,8 @@ impl Generator {
         let moving = self.moving_axes();
         self.remember(moving);
         clear(words, &self.timing);
-        let busy = moving != 0
-            || self.plays.iter().any(Play::is_taking_up)
-            || self.emitters.iter().any(|e| e.waiting() != 0);
+        let busy =
+            moving != 0 || self.plays.iter().any(Play::is_taking_up) || self.emitters.iter().any(|e| e.waiting() != 0);
         if busy {
             if self.segment > self.busy_until + 2 {
                 self.emitters.iter_mut().for_each(|e| e.rested(first_tick(self.segment)));
@@ -229,20 +228,17 @@ impl Generator {
     /// `words` are the words of that segment. The next segment is generated as the one after `segment`.
     pub fn abort(&mut self, segment: u64, tick: usize, words: &Words) {
         let tick = tick.min(SEGMENT_TICKS);
-        let end =
-            self.start_of(segment + 1).map_or((self.target, self.motor), |next| (next.target, next.motor));
+        let end = self.start_of(segment + 1).map_or((self.target, self.motor), |next| (next.target, next.motor));
         self.aborts = self.aborts.wrapping_add(1);
         self.tracks = [None; SLOTS];
         let Some(start) = self.start_of(segment).copied() else {
             return;
         };
-        let at =
-            |from: i64, to: i64| from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64;
+        let at = |from: i64, to: i64| from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64;
         let played = words.get(..tick).unwrap_or(words);
         let (base, resume) = (first_tick(segment), first_tick(segment + 1));
         for i in 0..AXES {
-            self.emitters[i] =
-                Emitter::after_abort(&start.emitters[i], &self.timing.lines()[i], played, base, resume);
+            self.emitters[i] = Emitter::after_abort(&start.emitters[i], &self.timing.lines()[i], played, base, resume);
             let count = self.emitters[i].emitted();
             let target = at(start.target.0[i], end.0.0[i]) >> 32;
             let overlay = (at(start.motor.0[i], end.1.0[i]) >> 32) - target;

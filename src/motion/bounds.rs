@@ -63,8 +63,7 @@ impl Bounds {
     /// Bounds along a path; `others` is the angular way (nrad) that other tracks may still turn meanwhile.
     pub fn along(law: &Law, path: &Path, others: u64) -> Self {
         let mut bounds = Bounds::default();
-        let turning: u64 =
-            path.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + u64::from(*d != 0)).sum();
+        let turning: u64 = path.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + u64::from(*d != 0)).sum();
         bounds.turning = turning + turning / 32;
         let turns = turning != 0;
         let (lever, second) = (law.lever_nm(), law.second_order_bound());
@@ -120,11 +119,9 @@ impl Bounds {
             bounds.slope[i] = bounds.slope[i].saturating_add(between);
             if turns && others != 0 && i < 3 {
                 let step = law.step_q32(i);
-                bounds.slope[i] =
-                    bounds.slope[i].saturating_add(bent(lever, &[bounds.turning, others], step));
+                bounds.slope[i] = bounds.slope[i].saturating_add(bent(lever, &[bounds.turning, others], step));
             }
-            let bulge =
-                (product_q60(bounds.curvature[i], stretch).min(1 << 40) as i128 * i128::from(stretch)) >> 63;
+            let bulge = (product_q60(bounds.curvature[i], stretch).min(1 << 40) as i128 * i128::from(stretch)) >> 63;
             let bulge = (bulge << 16) as i64;
             if (bounds.lowest[i] - bulge) >> 32 != (bounds.highest[i] + bulge) >> 32 {
                 bounds.steps |= 1 << i;

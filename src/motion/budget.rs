@@ -176,8 +176,8 @@ impl Grant {
             if bounds.curvature[i] != 0 {
                 // 3 m'' v a at most a quarter of the jerk
                 let per = u128::from(times(bounds.curvature[i], velocity)) * 12; // Q44 per path unit of a
-                acceleration = acceleration
-                    .min(((u128::from(available[i].jerk) << 60) / per.max(1)).min(1 << 60) as i64);
+                acceleration =
+                    acceleration.min(((u128::from(available[i].jerk) << 60) / per.max(1)).min(1 << 60) as i64);
             }
         }
         let acceleration = acceleration.max(1);
@@ -191,8 +191,7 @@ impl Grant {
             // 3 r (w1 a2 + a1 w2); the term 3 r w1 w2 (w1 + w2) is below a thousandth of it and covered by the quarter in `bent`
             lever_steps(i, 3 * (v1 * a2 + a1 * v2))
         };
-        let mixed =
-            ((u128::from(velocity.unsigned_abs()) * u128::from(acceleration.unsigned_abs())) >> 60) as i64;
+        let mixed = ((u128::from(velocity.unsigned_abs()) * u128::from(acceleration.unsigned_abs())) >> 60) as i64;
         let bend_j = |i: usize| {
             times(bounds.curvature[i], mixed).saturating_mul(3).saturating_add(times(bounds.third[i], cube))
                 + crossed_j(i)
@@ -208,9 +207,7 @@ impl Grant {
         for (i, rates) in uses.iter_mut().enumerate() {
             *rates = Rates {
                 velocity: times(bounds.slope[i], velocity),
-                acceleration: times(bounds.slope[i], acceleration)
-                    + times(bounds.curvature[i], square)
-                    + crossed_a(i),
+                acceleration: times(bounds.slope[i], acceleration) + times(bounds.curvature[i], square) + crossed_a(i),
                 jerk: times(bounds.slope[i], jerk).saturating_add(bend_j(i)),
             };
         }

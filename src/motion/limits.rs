@@ -53,11 +53,7 @@ impl Limits {
         let own = &self.0[axis.index()];
         // the rotation-centre law holds sixteenths of a nanoradian in 32 bits
         let hard = if axis.is_rotary() && law.lever_nm() != 0 { ANGLE_LIMIT } else { COORDINATE_LIMIT };
-        if own.soft_on && own.homed {
-            (own.soft_lower.max(-hard), own.soft_upper.min(hard))
-        } else {
-            (-hard, hard)
-        }
+        if own.soft_on && own.homed { (own.soft_lower.max(-hard), own.soft_upper.min(hard)) } else { (-hard, hard) }
     }
 
     /// Checks a pose.
@@ -87,8 +83,7 @@ impl Limits {
                 continue;
             }
             // the nearest whole step decides: half a step is what rounding adds
-            let position =
-                |steps: i64| ((i128::from(steps >> 32) * i128::from(law.step_q32(i))) >> 32) as i64;
+            let position = |steps: i64| ((i128::from(steps >> 32) * i128::from(law.step_q32(i))) >> 32) as i64;
             let half = (law.step_q32(i) >> 33) as i64 + 1;
             let lowest = position(bounds.lowest[i].saturating_sub(others[i]));
             let highest = position(bounds.highest[i].saturating_add(others[i]));

@@ -153,8 +153,8 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
     });
     // Stop, then go: always possible, and the better way when the rest is tiny.
     let mut detour = if sign < 0 { stop.mirrored() } else { stop };
-    let detour = rest_to_rest(&mut detour, rest.abs(), &rates)
-        .and_then(|()| Some((detour.time, finish(detour, sign)?)));
+    let detour =
+        rest_to_rest(&mut detour, rest.abs(), &rates).and_then(|()| Some((detour.time, finish(detour, sign)?)));
     [direct, detour].into_iter().flatten().min_by_key(|found| found.0).map(|found| found.1)
 }
 

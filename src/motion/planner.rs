@@ -211,9 +211,7 @@ impl Planner {
 
     /// True when a coordinated move of this axis runs or waits: then a single axis cannot leave it alone.
     pub fn is_coordinated(&self, axis: Axis) -> bool {
-        let runs = |slot: &Slot| {
-            slot.latest().is_some_and(|a| !a.stopping && a.track.axes() >> axis.index() & 1 != 0)
-        };
+        let runs = |slot: &Slot| slot.latest().is_some_and(|a| !a.stopping && a.track.axes() >> axis.index() & 1 != 0);
         self.goal.is_some() || self.then_goal.is_some() || self.slots[COORDINATED..].iter().any(runs)
     }
 
@@ -304,8 +302,7 @@ impl Planner {
     /// Merges tracks that have ended by the start of `segment` into the base.
     fn merge(&mut self, segment: u64) {
         for (i, slot) in self.slots.iter_mut().enumerate() {
-            let Some(active) = slot.active.filter(|a| slot.flight.is_none() && a.end_segment() <= segment)
-            else {
+            let Some(active) = slot.active.filter(|a| slot.flight.is_none() && a.end_segment() <= segment) else {
                 continue;
             };
             for (u, end) in self.base.0.iter_mut().zip(&active.track.end) {
@@ -470,15 +467,8 @@ impl Planner {
         let limits = with_speed(&grant, PATH_ONE, capability.override_percent);
         let profile = to_position(State::rest(0), PATH_ONE, limits).map_err(|_| unplannable())?;
         let track = Track { origin: [0; AXES], direction, end: direction, profile };
-        let active = Active {
-            track,
-            start: segment,
-            grant,
-            speed: PATH_ONE,
-            goal: PATH_ONE,
-            stopping: false,
-            jog: false,
-        };
+        let active =
+            Active { track, start: segment, grant, speed: PATH_ONE, goal: PATH_ONE, stopping: false, jog: false };
         if self.launch(slot, active, segment, order) {
             self.goal = None;
         }
@@ -561,13 +551,7 @@ impl Planner {
     ///
     /// # Errors
     /// A limit that the path breaks.
-    fn grant(
-        &self,
-        capability: &Capability,
-        path: &Path,
-        own: usize,
-        single: bool,
-    ) -> Result<Option<Grant>, Error> {
+    fn grant(&self, capability: &Capability, path: &Path, own: usize, single: bool) -> Result<Option<Grant>, Error> {
         let Capability { law, motors, wanted, limits, .. } = capability;
         let mut taken = [Rates::default(); AXES];
         let mut others = Turning::default();
@@ -596,8 +580,7 @@ impl Planner {
         let lever_steps = |i: usize, nrad2_q40: u128| {
             // lever [nm] * angle^2 [nrad^2, Q40] / 10^18 / step [Q32] in Q44, a quarter added
             let nm = nrad2_q40 / 1_000_000_000 * u128::from(lever) / 1_000_000_000 + 1;
-            u64::try_from((nm << 36) / u128::from(law.step_q32(i).max(1)) * 5 / 4 + 1)
-                .unwrap_or(u64::MAX >> 1)
+            u64::try_from((nm << 36) / u128::from(law.step_q32(i).max(1)) * 5 / 4 + 1).unwrap_or(u64::MAX >> 1)
         };
         let share = if single { SINGLE_SHARE_1024 } else { 1024 };
         let mut left = *motors;
@@ -610,10 +593,7 @@ impl Planner {
             let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), lever_steps);
             let (a, b) = (grant.limits, best.limits);
             let enough = |have: i64, want: i64| have >= want / WAIT_BELOW && have > 1;
-            if !(enough(a.velocity, b.velocity)
-                && enough(a.acceleration, b.acceleration)
-                && enough(a.jerk, b.jerk))
-            {
+            if !(enough(a.velocity, b.velocity) && enough(a.acceleration, b.acceleration) && enough(a.jerk, b.jerk)) {
                 return Ok(None);
             }
         }
@@ -652,8 +632,7 @@ impl Planner {
         let mut speeds = [0u64; AXES];
         for active in self.slots.iter().filter_map(|s| s.active) {
             let elapsed = segment.saturating_sub(active.start).min(u64::from(u32::MAX - 1)) as u32;
-            let (a, b) =
-                (active.track.contribution(elapsed, &mut 0), active.track.contribution(elapsed + 1, &mut 0));
+            let (a, b) = (active.track.contribution(elapsed, &mut 0), active.track.contribution(elapsed + 1, &mut 0));
             for (speed, (a, b)) in speeds.iter_mut().zip(a.iter().zip(&b)) {
                 *speed += a.abs_diff(*b);
             }

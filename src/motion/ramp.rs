@@ -48,11 +48,7 @@ pub(super) struct Rates {
 impl Rates {
     pub fn of(limits: Limits) -> Option<Rates> {
         let convert = |x: i64| (1..=1 << 60).contains(&x).then(|| i128::from(x) << FROM_Q60);
-        Some(Rates {
-            v: convert(limits.velocity)?,
-            a: convert(limits.acceleration)?,
-            j: convert(limits.jerk)?,
-        })
+        Some(Rates { v: convert(limits.velocity)?, a: convert(limits.acceleration)?, j: convert(limits.jerk)? })
     }
 
     /// The limits that matter in whole segments: an acceleration above a change to the largest

@@ -90,8 +90,7 @@ fn check(profile: &Profile, from: State, l: Limits) {
         }
         assert!((v - before.0).abs() <= v_most * 1e-9 + tiny, "velocity jumps in {index}");
         assert!((a - before.1).abs() <= a_most * 1e-9 + tiny, "acceleration jumps in {index}");
-        let alone =
-            Profile { count: 1, last: 0, phases: [Phase { end: u32::MAX, ..*phase }; 12], ..*profile };
+        let alone = Profile { count: 1, last: 0, phases: [Phase { end: u32::MAX, ..*phase }; 12], ..*profile };
         if n < f64::from(1u32 << 30) && (n as u32) < 1 << (32 - phase.shift) {
             let reached = alone.position(phase.end - start, &mut 0);
             let next = profile.position(phase.end, &mut 0);
@@ -167,8 +166,8 @@ fn plan_checked(state: State, target: i64, l: Limits, excess: &mut Excess) -> Pr
     if (far - state.position as f64 / ONE).abs() > 2.0 || far.abs() > 3.0 {
         return Profile::resting(target);
     }
-    let profile = to_position(state, target, l)
-        .unwrap_or_else(|_| panic!("no plan from {state:?} to {target} with {l:?}"));
+    let profile =
+        to_position(state, target, l).unwrap_or_else(|_| panic!("no plan from {state:?} to {target} with {l:?}"));
     check(&profile, state, l);
     check_target(&profile, target);
     let (v, a) = numbers(state);
@@ -249,8 +248,7 @@ fn extreme_limits_and_states_never_panic() {
     let mut planned = 0;
     for _ in 0..100_000 {
         let l = Limits { velocity: random.any(), acceleration: random.any(), jerk: random.any() };
-        let (v, a) =
-            (i128::from(random.any()) << random.below(31), i128::from(random.any()) << random.below(31));
+        let (v, a) = (i128::from(random.any()) << random.below(31), i128::from(random.any()) << random.below(31));
         let position = q60(3.9 * random.signed());
         let sign = |random: &mut Random| {
             if random.below(2) > 0 { -1 } else { i128::from(random.below(2)) }

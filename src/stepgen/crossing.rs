@@ -25,10 +25,7 @@ pub(super) struct Crossings {
 
 impl Crossings {
     /// All steps at once: what waits, or motion faster than any timing allows.
-    pub(super) const AT_ONCE: Crossings = Crossings {
-        first: 0,
-        period: 0,
-    };
+    pub(super) const AT_ONCE: Crossings = Crossings { first: 0, period: 0 };
 
     /// The steps on the way between two positions in Q32.32 steps; `due`, not zero, is the
     /// difference of their floors.

@@ -23,8 +23,7 @@ impl Levels {
     /// The levels after one more word: a set bit wins over a reset bit.
     #[must_use]
     pub fn after(self, line: &Line, word: u32) -> Levels {
-        let level =
-            |bit: u32, before: bool| word & bit != 0 || (before && word & super::pins::reset(bit) == 0);
+        let level = |bit: u32, before: bool| word & bit != 0 || (before && word & super::pins::reset(bit) == 0);
         Levels { step: level(line.step, self.step), dir: level(line.dir, self.dir) }
     }
 

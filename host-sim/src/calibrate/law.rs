@@ -46,9 +46,8 @@ impl Law {
 
     /// The law as a block holds it. `steps`: true step sizes in nm and nrad.
     pub fn of_block(block: &Calibration, steps: [f64; AXES]) -> Self {
-        let folded = |motor: usize, c: i32| {
-            f64::from(c) * steps[motor] / 2f64.powi(i32::from(block.motors[motor].row_bits))
-        };
+        let folded =
+            |motor: usize, c: i32| f64::from(c) * steps[motor] / 2f64.powi(i32::from(block.motors[motor].row_bits));
         let vector = |v: [i32; 3], unit: f64| Vector3::from(v.map(|c| f64::from(c) * unit));
         let unit_q30 = 2f64.powi(-30);
         let rotation = Matrix3::from_fn(|i, j| f64::from(block.home_rotation[i][j]) * unit_q30);
@@ -57,9 +56,7 @@ impl Law {
             inverse_axes: Matrix3::from_fn(|i, j| {
                 f64::from(block.tilt[i][j]) * 2f64.powi(-32) + f64::from(u8::from(i == j))
             }),
-            second_order: SecondOrder::from_fn(|i, j| {
-                f64::from(block.second_order[i][j]) * 1e9 * 2f64.powi(-60)
-            }),
+            second_order: SecondOrder::from_fn(|i, j| f64::from(block.second_order[i][j]) * 1e9 * 2f64.powi(-60)),
             rotary_gain: std::array::from_fn(|i| folded(i + 3, block.rotary_gain[i])),
             screws: block.screws.map(|s| Screw {
                 axis: s.axis,

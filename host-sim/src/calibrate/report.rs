@@ -36,13 +36,7 @@ pub struct Report {
 }
 
 impl Report {
-    pub(super) fn new(
-        machine: &Machine,
-        exact: &Law,
-        block: &Calibration,
-        fit: &Fit,
-        lever: (Axis, f64),
-    ) -> Self {
+    pub(super) fn new(machine: &Machine, exact: &Law, block: &Calibration, fit: &Fit, lever: (Axis, f64)) -> Self {
         let mut bytes = [0; BLOCK_CAPACITY];
         let length = block.encode(&mut bytes).expect("a block fits its capacity");
         let steps = block.motors.map(|motor| motor.backlash_steps);

@@ -32,10 +32,8 @@ pub fn products([a, b, g]: [f64; 3]) -> SMatrix<f64, 6, 1> {
 /// Fits the second-order term over a box of logical angles (rad) by least squares. None when the
 /// exact law has no solution there.
 pub fn fit(chain: &Chain, inverse_axes: &Matrix3<f64>, travel: [[f64; 2]; 3]) -> Option<Fit> {
-    let points: Vec<Point> = grid(travel, FIT_POINTS)
-        .into_iter()
-        .map(|a| Point::new(chain, inverse_axes, a))
-        .collect::<Option<_>>()?;
+    let points: Vec<Point> =
+        grid(travel, FIT_POINTS).into_iter().map(|a| Point::new(chain, inverse_axes, a)).collect::<Option<_>>()?;
     let coefficients = solve(&points)?;
     let largest = |term: &SecondOrder| points.iter().map(|p| p.error(chain, term)).fold(0.0, f64::max) * 1e6;
     Some(Fit {

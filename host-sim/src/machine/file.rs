@@ -1,8 +1,6 @@
 //! The keys and units of a machine file, and the checks of its values.
 
-use super::{
-    Drive, LARGEST_STATIC, Machine, MachineError, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING, StaticErrors,
-};
+use super::{Drive, LARGEST_STATIC, Machine, MachineError, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING, StaticErrors};
 use serde::Deserialize;
 use stage_controller::units::{AXES, Axis};
 use std::f64::consts::PI;
@@ -119,10 +117,8 @@ impl Written {
         let [velocity, acceleration, jerk] = self.rates.map(|rate| rate * scale);
         let step_rate = velocity / self.step;
         if step_rate > STEP_RATE_CEILING * (1.0 + 1e-12) {
-            let reason = format!(
-                "needs {step_rate:.0} steps/s of motor {}, at most {STEP_RATE_CEILING}",
-                self.axis.name()
-            );
+            let reason =
+                format!("needs {step_rate:.0} steps/s of motor {}, at most {STEP_RATE_CEILING}", self.axis.name());
             return Err(MachineError::value(self.key("max_velocity", "_s"), self.rates[0], reason));
         }
         let travel = [lower * scale, upper * scale];
@@ -185,8 +181,7 @@ fn parse_order(written: &[String]) -> Result<[Axis; AXES], MachineError> {
     let mut order = Vec::with_capacity(AXES);
     for name in written {
         let known = Axis::ALL.into_iter().find(|axis| axis.name() == name);
-        let axis =
-            known.ok_or_else(|| refused(&format!("{name:?} is none of X, Y, Z, alpha, beta, gamma")))?;
+        let axis = known.ok_or_else(|| refused(&format!("{name:?} is none of X, Y, Z, alpha, beta, gamma")))?;
         if order.contains(&axis) {
             return Err(refused(&format!("{name} is named twice")));
         }
