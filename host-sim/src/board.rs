@@ -52,9 +52,10 @@ pub enum Interleaving {
 }
 
 /// Orders that have arrived at the generator.
-struct Arrived<'a>(&'a mut VecDeque<Order>);
+#[derive(Debug, Default)]
+pub struct Queue(pub VecDeque<Order>);
 
-impl Orders for Arrived<'_> {
+impl Orders for Queue {
     fn peek(&self) -> Option<&Order> {
         self.0.front()
     }
@@ -91,7 +92,7 @@ pub struct Board {
     ring: VecDeque<Waiting>,
     played: u64,
     orders: VecDeque<(u64, Order)>,
-    arrived: VecDeque<Order>,
+    arrived: Queue,
     reports: VecDeque<(u64, Report)>,
     now: u64,
     interleaving: Interleaving,
@@ -110,7 +111,7 @@ impl Board {
             ring: VecDeque::with_capacity(RING),
             played: 0,
             orders: VecDeque::new(),
-            arrived: VecDeque::new(),
+            arrived: Queue::default(),
             reports: VecDeque::new(),
             now: 0,
             interleaving,
@@ -143,7 +144,7 @@ impl Board {
     pub fn run(&mut self, segments: u64, mut observe: impl FnMut(Played<'_>)) -> bool {
         for _ in 0..segments {
             self.step(&mut observe);
-            if !self.front.operation_pending() && self.orders.is_empty() && self.arrived.is_empty() {
+            if !self.front.operation_pending() && self.orders.is_empty() && self.arrived.0.is_empty() {
                 return true;
             }
         }
@@ -157,10 +158,10 @@ impl Board {
 
     fn refill(&mut self) {
         while self.orders.front().is_some_and(|(due, _)| *due <= self.now) {
-            self.arrived.extend(self.orders.pop_front().map(|(_, order)| order));
+            self.arrived.0.extend(self.orders.pop_front().map(|(_, order)| order));
         }
         let mut words = [0; SEGMENT_TICKS];
-        let report = self.generator.refill(&mut Arrived(&mut self.arrived), self.played, &mut words);
+        let report = self.generator.refill(&mut self.arrived, self.played, &mut words);
         let motor = self.generator.motor_positions();
         self.ring.push_back(Waiting { segment: report.next - 1, words, motor });
         let due = self.now + self.delay();

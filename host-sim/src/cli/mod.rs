@@ -1,6 +1,10 @@
 //! The command line: one file per subcommand, each with its `Args` and a `run`.
 
+mod bench;
 mod calibrate;
+mod common;
+mod move_pose;
+mod trace;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -15,7 +19,10 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Bench(bench::Args),
     Calibrate(calibrate::Args),
+    Move(move_pose::Args),
+    Trace(trace::Args),
 }
 
 /// Why a subcommand failed, and with it the exit status.
@@ -48,7 +55,10 @@ impl Failure {
 /// Parses the arguments of the process and runs the subcommand.
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
+        Command::Bench(args) => args.run(),
         Command::Calibrate(args) => args.run(),
+        Command::Move(args) => args.run(),
+        Command::Trace(args) => args.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
