@@ -66,8 +66,35 @@ struct Run {
     segments: u64,
     steps: u64,
     wall_s: f64,
+    /// Time that the thread had a core, where the system tells.
+    cpu_s: Option<f64>,
     segments_per_s: f64,
+    /// By the wall clock: on a busy machine less than the thread could do.
     times_real_time: f64,
+    times_real_time_by_cpu: Option<f64>,
+}
+
+/// Wall clock and time on a core, which differ when other programs want the cores too.
+#[derive(Clone, Copy, Default)]
+struct Clocks {
+    wall_s: f64,
+    cpu_s: Option<f64>,
+}
+
+impl Clocks {
+    /// Since some beginning.
+    fn now(begin: Instant) -> Self {
+        let on_core = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
+        let ns = on_core.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
+        Clocks { wall_s: begin.elapsed().as_secs_f64(), cpu_s: ns.map(|ns| ns * 1e-9) }
+    }
+
+    fn since(self, before: Clocks) -> Self {
+        Clocks {
+            wall_s: self.wall_s - before.wall_s,
+            cpu_s: self.cpu_s.zip(before.cpu_s).map(|(now, before)| now - before),
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -174,7 +201,8 @@ impl Tally {
         self.segments += segments;
     }
 
-    fn run(self, wanted: f64, wall_s: f64) -> Run {
+    fn run(self, wanted: f64, spent: Clocks) -> Run {
+        let Clocks { wall_s, cpu_s } = spent;
         let virtual_s = (self.segments * SEGMENT_NS) as f64 * 1e-9;
         let of = |pick: fn(f64, f64) -> f64, start| self.peak.into_iter().fold(start, pick);
         Run {
@@ -184,8 +212,10 @@ impl Tally {
             segments: self.segments,
             steps: self.steps,
             wall_s,
+            cpu_s,
             segments_per_s: self.segments as f64 / wall_s,
             times_real_time: virtual_s / wall_s,
+            times_real_time_by_cpu: cpu_s.map(|cpu_s| virtual_s / cpu_s),
         }
     }
 }
@@ -198,6 +228,7 @@ fn simulation(machine: &Machine, rate: f64, seconds: f64) -> Result<Run, Failure
     board.settle();
     let mut tally = Tally::new(board.twin().motors());
     let begin = Instant::now();
+    let start = Clocks::now(begin);
     for leg in 1.. {
         board.front.pose_absolute(course.ends[leg % 2]).map_err(refused)?;
         loop {
@@ -212,7 +243,7 @@ fn simulation(machine: &Machine, rate: f64, seconds: f64) -> Result<Run, Failure
             break;
         }
     }
-    Ok(tally.run(rate, begin.elapsed().as_secs_f64()))
+    Ok(tally.run(rate, Clocks::now(begin).since(start)))
 }
 
 /// One refill, a symbol of its own so that its instructions can be counted.
@@ -221,8 +252,8 @@ fn counted_refill(generator: &mut Generator, orders: &mut Queue, played: u64, wo
     generator.refill(orders, played, words)
 }
 
-/// Refills alone: no front, no ring, no twin. Only moving segments are timed; without `seconds`, as many are made
-/// as instructions are counted of.
+/// Refills alone: no ring, no hash, no twin, and the front only at the ends of a move. Without `seconds`, as many
+/// segments are made as instructions are counted of.
 fn generator_alone(machine: &Machine, rate: f64, seconds: Option<f64>) -> Result<Run, Failure> {
     let mut front = homed_front(machine)?;
     let course = Course::set_up(&mut front, machine, rate)?;
@@ -231,7 +262,8 @@ fn generator_alone(machine: &Machine, rate: f64, seconds: Option<f64>) -> Result
     let mut orders = Queue::default();
     let mut words: Words = [0; SEGMENT_TICKS];
     let mut tally = None;
-    let (mut wall_s, mut leg) = (0.0, 0);
+    let (begin, mut leg) = (Instant::now(), 0);
+    let mut start = Clocks::default();
     let emitted = |generator: &Generator| MotorSteps(std::array::from_fn(|i| generator.emitted(i).0));
     loop {
         if !front.operation_pending() {
@@ -248,6 +280,7 @@ fn generator_alone(machine: &Machine, rate: f64, seconds: Option<f64>) -> Result
             // the first leg goes from home to an end
             if leg == 2 {
                 tally = Some(Tally::new(emitted(&generator)));
+                start = Clocks::now(begin);
             }
             continue;
         };
@@ -257,24 +290,22 @@ fn generator_alone(machine: &Machine, rate: f64, seconds: Option<f64>) -> Result
         }
         if left == SAMPLE {
             let played = report.next;
-            let begin = Instant::now();
             let mut last = report;
             for segment in 0..left {
                 last = counted_refill(&mut generator, &mut orders, played + segment, &mut words);
             }
-            wall_s += begin.elapsed().as_secs_f64();
             front.receive_report(last);
             tally.look(emitted(&generator), left);
         }
         let done = match seconds {
-            Some(seconds) => wall_s >= seconds,
+            Some(seconds) => begin.elapsed().as_secs_f64() - start.wall_s >= seconds,
             None => tally.segments >= COUNTED,
         };
         if done {
             break;
         }
     }
-    Ok(tally.expect("a leg was made").run(rate, wall_s))
+    Ok(tally.expect("a leg was made").run(rate, Clocks::now(begin).since(start)))
 }
 
 /// Counts the instructions of the refills with callgrind, in a child of this program.
@@ -307,9 +338,10 @@ impl fmt::Display for Figures {
         let line = |f: &mut fmt::Formatter<'_>, what: &str, run: &Run| {
             let k = |rate: f64| rate * 1e-3;
             let [slowest, fastest] = run.reached_steps_per_s;
+            let by_cpu = run.times_real_time_by_cpu.map_or(String::new(), |times| format!(" ({times:.0} by CPU time)"));
             writeln!(
                 f,
-                "{what:<16} {:>3.0} k wanted, {:>5.1} to {:>5.1} k reached, {:>5.1} k mean  {:>9.0} segments/s  {:>6.0} x real time  \
+                "{what:<16} {:>3.0} k wanted, {:>5.1} to {:>5.1} k reached, {:>5.1} k mean  {:>9.0} segments/s  {:>6.0} x real time{by_cpu}  \
                  ({} steps, {} segments, {:.2} s)",
                 k(run.wanted_steps_per_s),
                 k(slowest),

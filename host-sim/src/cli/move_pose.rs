@@ -6,6 +6,7 @@ use crate::board::Board;
 use crate::machine::Machine;
 use serde::Serialize;
 use stage_controller::compensation::law::Switches;
+use stage_controller::error::{Detail, Error};
 use stage_controller::units::decimal::{Formatted, Unit, parse};
 use stage_controller::units::{AXES, Axis, Pose};
 use std::fmt;
@@ -80,9 +81,18 @@ fn read_pose(text: &str) -> Result<[i64; AXES], Failure> {
     Ok(pose)
 }
 
+/// The controller's own text, with the axis by its name in front.
+fn refused(error: Error) -> Failure {
+    match error.detail {
+        Detail::Limit { axis, .. } | Detail::Axis(axis) | Detail::AxisText(axis, _) => {
+            Failure::Refused(format!("{}: {error}", axis.name()))
+        }
+        _ => Failure::Refused(error.to_string()),
+    }
+}
+
 /// From home to a pose on a board of its own.
 fn travel(machine: &Machine, pose: [i64; AXES], compensation: bool) -> Result<Run, Failure> {
-    let refused = |error: stage_controller::error::Error| Failure::Refused(error.to_string());
     let mut board: Board = board(machine)?;
     if !compensation {
         board.front.set_switches(Switches { compensation: false, ..Switches::default() }).map_err(refused)?;
