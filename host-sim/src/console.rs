@@ -79,10 +79,29 @@ impl Console {
         text.rsplit_once('\n').map_or(String::new(), |(own, _)| own.to_owned())
     }
 
-    /// Runs a script: a line each, `#` begins a comment; answers the queries' answers, a line each.
-    pub fn script(&mut self, script: &str, mut observe: impl FnMut(Played<'_>)) -> Vec<String> {
-        let lines = script.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
-        lines.map(|line| self.line(line, &mut observe)).filter(|answer| !answer.is_empty()).collect()
+    /// Runs a script: a line each; `#` begins a comment, `@12.5` lets 12.5 ms pass. The queries' answers, a line each.
+    ///
+    /// # Errors
+    /// A time that is no number, with its line.
+    pub fn script(&mut self, script: &str, mut observe: impl FnMut(Played<'_>)) -> Result<Vec<String>, String> {
+        let mut answers = Vec::new();
+        for (number, line) in script.lines().map(str::trim).enumerate() {
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            let answer = match line.strip_prefix('@') {
+                Some(time) => {
+                    let ms = time.trim().parse::<f64>().ok().filter(|ms| (0.0..1e7).contains(ms));
+                    let ms = ms.ok_or_else(|| format!("line {}: {line:?} is no time in ms", number + 1))?;
+                    let segments = (ms * 1e6 / SEGMENT_NS as f64).round() as u64;
+                    (0..segments).map(|_| self.step(&mut observe)).for_each(drop);
+                    continue;
+                }
+                None => self.line(line, &mut observe),
+            };
+            answers.extend((!answer.is_empty()).then_some(answer));
+        }
+        Ok(answers)
     }
 
     /// Lets time pass until nothing moves; false when it never does.
