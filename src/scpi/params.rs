@@ -463,6 +463,6 @@ mod tests {
     fn steps_are_taken_where_a_distance_is_meant() {
         assert_eq!(params("-3 STEP").displacement(Axis::X), Ok(Displacement::Steps(-3)));
         assert_eq!(params("1").displacement(Axis::X), Ok(Displacement::Logical(1_000)));
-        assert_eq!(params("0.0125").step_size_q32(Axis::X), Ok(819_200));
+        assert_eq!(params("0.0125").step_size_q32(Axis::X), Ok(53_687_091_200));
     }
 }
