@@ -160,7 +160,7 @@ impl Course {
         let ways = machine.drives.map(|d| d.travel[1].min(-d.travel[0]) / d.step);
         let half = ways.into_iter().fold(f64::MAX, f64::min) * OF_THE_TRAVEL;
         let counts = |sign: f64| {
-            let turn = |i: usize| if i % 2 == 0 { sign } else { -sign };
+            let turn = |i: usize| if i.is_multiple_of(2) { sign } else { -sign };
             MotorSteps(std::array::from_fn(|i| (turn(i) * half) as i32))
         };
         let ends = [-1.0, 1.0].map(|sign| front.law().forward(counts(sign)).0.map(i64::from));
