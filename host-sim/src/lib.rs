@@ -4,6 +4,9 @@
 pub mod board;
 pub mod calibrate;
 pub mod cli;
+pub mod console;
 pub mod machine;
 pub mod model;
+pub mod server;
+pub mod session;
 pub mod twin;

@@ -214,8 +214,7 @@ impl Front {
 
     /// True while motion or take-up goes on, or is still to begin: what `*OPC` waits for.
     pub fn operation_pending(&self) -> bool {
-        self.planner.is_moving()
-            || !self.report.settled
+        self.is_moving()
             || self.abort != Abort::None
             || self.preload.is_some()
             || !self.orders.is_empty()
@@ -227,8 +226,13 @@ impl Front {
         self.abort != Abort::None || self.orders.len() > ORDERS - 2 * AXES
     }
 
+    /// True until everything that moves, or waits to move, has come to rest in the words played.
+    pub fn is_moving(&self) -> bool {
+        self.planner.is_moving() || !self.report.settled
+    }
+
     fn standstill(&self) -> Result<(), Error> {
-        if self.planner.is_moving() || !self.report.settled || self.abort != Abort::None || self.preload.is_some() {
+        if self.is_moving() || self.abort != Abort::None || self.preload.is_some() {
             return Err(refuse(ErrorNumber::Moving));
         }
         Ok(())
@@ -266,16 +270,16 @@ impl Front {
         let bit = |set: bool, bit: u16| if set { bit } else { 0 };
         let at = |mask: u8| mask >> i & 1 != 0;
         let limits = &self.capability.limits.0[i];
-        let watched = limits.soft_on && limits.homed;
-        // the end of a soft limit is a whole nm, a position the nearest step: half a step counts as there
-        let half = (self.capability.law.step_q32(i) >> 33) as i32 + 1;
-        let position = if watched { self.position().0[i] } else { 0 };
-        bit(at(self.report.moving | self.planner.moving_axes()), MOVING)
+        let moving = at(self.report.moving | self.planner.moving_axes());
+        // where the axis stands by command: what is played is the nearest step of it
+        let watched = limits.soft_on && limits.homed && !moving;
+        let position = self.planner.rest().rounded().0[i];
+        bit(moving, MOVING)
             | bit(self.homed[i], HOMED)
             | bit(at(self.report.known) && !at(self.report.owing), FLANK_KNOWN)
             | bit(at(self.report.taking_up), TAKE_UP)
-            | bit(watched && position <= limits.soft_lower + half, SOFT_LOW)
-            | bit(watched && position >= limits.soft_upper - half, SOFT_HIGH)
+            | bit(watched && position <= limits.soft_lower, SOFT_LOW)
+            | bit(watched && position >= limits.soft_upper, SOFT_HIGH)
             | bit(self.enabled[i], ENABLED)
             | bit(self.uncertain[i], UNCERTAIN)
     }
@@ -310,12 +314,9 @@ impl Front {
         &self.capability.law
     }
 
-    /// Overlay of a motor, nm or nrad.
-    pub fn overlay(&self, axis: Axis) -> i64 {
-        settings::steps_to_units(
-            i64::from(self.report.overlay[axis.index()]),
-            self.capability.law.step_q32(axis.index()),
-        )
+    /// Overlay of a motor, whole steps.
+    pub fn overlay_steps(&self, axis: Axis) -> i32 {
+        self.report.overlay[axis.index()]
     }
 
     /// Flank of a motor, none while unknown.
@@ -534,7 +535,7 @@ impl Front {
 
     /// Stops all motors at once, at the word that plays now.
     pub fn abort(&mut self) {
-        if self.abort == Abort::None && (self.operation_pending() || self.report.moving != 0) {
+        if self.abort == Abort::None && self.is_moving() {
             let segment = self.report.played;
             let speeds = self.planner.speeds(segment);
             for axis in Axis::ALL {
@@ -781,6 +782,32 @@ impl Front {
     /// 107 with no calibration.
     pub fn pivot(&self) -> Result<(u8, [i32; 3]), Error> {
         Ok((self.pivot, self.pivot_point(self.calibration()?)))
+    }
+
+    /// A pivot, whether selected or not, in the fibre array frame, 1/16 nm.
+    ///
+    /// # Errors
+    /// 107 with no calibration, -221 for a pivot that is not defined.
+    pub fn defined_pivot(&self, number: u8) -> Result<[i32; 3], Error> {
+        let calibration = self.calibration()?;
+        match self.pivots.get(usize::from(number)) {
+            Some(Some(point)) if number != 0 => Ok(*point),
+            _ if number == 0 => Ok(calibration.fibre_point),
+            _ => Err(Error::text(ErrorNumber::SettingsConflict, "pivot not defined")),
+        }
+    }
+
+    /// CRC-32 of the block as loaded.
+    ///
+    /// # Errors
+    /// 107 with nothing loaded.
+    pub fn block_crc(&self) -> Result<u32, Error> {
+        self.block().map(Calibration::crc)
+    }
+
+    /// Step size that the calibration gives, Q32 nm or nrad.
+    pub fn default_step_q32(&self, axis: Axis) -> Option<u64> {
+        self.calibration.map(|c| c.motors[axis.index()].step_q32)
     }
 
     fn pivot_point(&self, calibration: &Calibration) -> [i32; 3] {

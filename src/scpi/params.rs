@@ -214,13 +214,13 @@ impl<'m> Params<'m> {
         self.number(axis_unit(axis).per_second(order))
     }
 
-    /// The size of a step of an axis in Q16 nm or nrad.
+    /// The size of a step of an axis in Q32 nm or nrad.
     ///
     /// # Errors
     /// As [`Params::number`].
-    pub fn step_size_q16(&mut self, axis: Axis) -> Result<i64, Error> {
+    pub fn step_size_q32(&mut self, axis: Axis) -> Result<i64, Error> {
         let token = self.token()?;
-        decimal::parse_fine(token, axis_unit(axis), 16).map_err(|number| Error::token(number, token))
+        decimal::parse_fine(token, axis_unit(axis), 32).map_err(|number| Error::token(number, token))
     }
 
     /// Six coordinates.
@@ -463,6 +463,6 @@ mod tests {
     fn steps_are_taken_where_a_distance_is_meant() {
         assert_eq!(params("-3 STEP").displacement(Axis::X), Ok(Displacement::Steps(-3)));
         assert_eq!(params("1").displacement(Axis::X), Ok(Displacement::Logical(1_000)));
-        assert_eq!(params("0.0125").step_size_q16(Axis::X), Ok(819_200));
+        assert_eq!(params("0.0125").step_size_q32(Axis::X), Ok(819_200));
     }
 }

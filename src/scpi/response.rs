@@ -5,7 +5,7 @@
 //! go on, returns `Flow::More`, and is called again when there is room.
 
 use crate::units::Axis;
-use crate::units::decimal::{Formatted, Unit};
+use crate::units::decimal::{Dimension, Formatted, Unit};
 use core::fmt::{self, Write};
 use heapless::Vec;
 
@@ -71,6 +71,27 @@ impl Response {
     /// nm or nrad (`order` 0), or a rate of them, of an axis.
     pub fn axis_quantity(&mut self, axis: Axis, value: i64, order: u8) {
         self.quantity(value, axis_unit(axis).per_second(order));
+    }
+
+    /// A length or an angle with 32 fractional bits, nm or nrad, in um or degrees with as many decimals as it takes
+    /// to get the same number back.
+    pub fn fine_quantity(&mut self, value: i64, unit: Unit) {
+        let (scaled, decimals, least) = match unit.dimension {
+            // 180 / pi in 10^-18; 10^-18 degree is below 2^-32 nrad
+            Dimension::Angle => {
+                ((i128::from(value) * 57_295_779_513_082_320_877 / 1_000_000_000 + (1 << 31)) >> 32, 18, 8)
+            }
+            // 10^-13 um is below 2^-32 nm
+            _ => ((i128::from(value) * 10_000_000_000 + (1 << 31)) >> 32, 13, 3),
+        };
+        let (mut size, mut decimals) = (scaled.unsigned_abs(), decimals);
+        while decimals > least && size % 10 == 0 {
+            size /= 10;
+            decimals -= 1;
+        }
+        let unit = 10u128.pow(decimals);
+        let sign = if scaled < 0 { "-" } else { "" };
+        self.item(format_args!("{sign}{}.{:0width$}", size / unit, size % unit, width = decimals as usize));
     }
 
     /// Characters as they are: a keyword, or several items that are already parted.

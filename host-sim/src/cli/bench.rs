@@ -1,9 +1,10 @@
 //! `host-sim bench`: how fast the simulation is, how much the segment generator costs.
 
 use super::Failure;
-use super::common::{board, homed_front, load};
+use super::common::{board, load};
 use crate::board::{Board, Queue};
 use crate::machine::Machine;
+use crate::session::power_up;
 use serde::Serialize;
 use stage_controller::controller::border::Report;
 use stage_controller::controller::front::Front;
@@ -258,7 +259,7 @@ fn counted_refill(generator: &mut Generator, orders: &mut Queue, played: u64, wo
 /// Refills alone: no ring, no hash, no twin, and the front only at the ends of a move. Without `seconds`, as many
 /// segments are made as instructions are counted of.
 fn generator_alone(machine: &Machine, rate: f64, seconds: Option<f64>) -> Result<Run, Failure> {
-    let mut front = homed_front(machine)?;
+    let mut front = power_up(machine, false).map_err(Failure::Refused)?;
     let course = Course::set_up(&mut front, machine, rate)?;
     let (law, timing) = front.generator_setup();
     let mut generator = Generator::new(law, timing);

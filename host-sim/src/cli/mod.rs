@@ -3,7 +3,9 @@
 mod bench;
 mod calibrate;
 mod common;
+mod load;
 mod move_pose;
+mod serve;
 mod trace;
 
 use clap::{Parser, Subcommand};
@@ -11,18 +13,23 @@ use std::process::ExitCode;
 
 /// Motion controller for six-axis fibre alignment stages, on the desktop.
 #[derive(Debug, Parser)]
-#[command(version, arg_required_else_help = true)]
+#[command(version, args_conflicts_with_subcommands = true)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    /// Without a subcommand: `serve`.
+    #[command(flatten)]
+    serve: serve::Args,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Bench(bench::Args),
+    Serve(serve::Args),
     Calibrate(calibrate::Args),
+    Load(load::Args),
     Move(move_pose::Args),
     Trace(trace::Args),
+    Bench(bench::Args),
 }
 
 /// Why a subcommand failed, and with it the exit status.
@@ -54,11 +61,14 @@ impl Failure {
 
 /// Parses the arguments of the process and runs the subcommand.
 pub fn main() -> ExitCode {
-    let result = match Cli::parse().command {
-        Command::Bench(args) => args.run(),
+    let cli = Cli::parse();
+    let result = match cli.command.unwrap_or(Command::Serve(cli.serve)) {
+        Command::Serve(args) => args.run(),
         Command::Calibrate(args) => args.run(),
+        Command::Load(args) => args.run(),
         Command::Move(args) => args.run(),
         Command::Trace(args) => args.run(),
+        Command::Bench(args) => args.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

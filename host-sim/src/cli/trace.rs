@@ -2,22 +2,26 @@
 
 use super::Failure;
 use super::common::{board, load};
-use crate::board::{Board, Played};
+use crate::board::Played;
+use crate::console::Console;
 use crate::twin::{DIR_PINS, STEP_PINS, after_word};
-use stage_controller::units::decimal::{Unit, parse};
-use stage_controller::units::{AXES, Axis, SEGMENT_TICKS};
+use stage_controller::units::{Axis, SEGMENT_TICKS};
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::PathBuf;
 use vcd::{IdCode, SimulationCommand, TimescaleUnit, Value, Writer};
 
-/// What is traced without a script: a coordinated move, a reversal with its take-up, a stop on the way.
+/// What is traced without a script: a coordinated move, a reversal with its take-up, a new target on the way, a stop.
 const DEMO: &str = "\
 POSE 20,-10,5,0.1,-0.1,0.05
 *WAI
 AXIS1:MOVE 15
 *WAI
 AXIS2:MOVE 400
+@30
+AXIS2:MOVE 200
+@30
+STOP
 *WAI
 POSE 0,0,0,0,0,0
 *WAI
@@ -29,7 +33,7 @@ pub struct Args {
     /// Machine file (TOML), or `paper` for the built-in machine.
     #[arg(long, value_name = "FILE", default_value = "paper")]
     machine: PathBuf,
-    /// Commands, one a line; a built-in demonstration by default.
+    /// Commands, one a line; `@12.5` lets 12.5 ms pass, `#` begins a comment; a built-in demonstration by default.
     #[arg(long, value_name = "FILE")]
     script: Option<PathBuf>,
     /// Where the trace is written.
@@ -48,76 +52,19 @@ impl Args {
             Some(path) => std::fs::read_to_string(path).map_err(io(path))?,
             None => DEMO.into(),
         };
-        let commands = read_script(&script)?;
-        let mut board = board(&machine)?;
+        let mut console = Console::new(board(&machine)?);
         let file = BufWriter::new(File::create(&self.output).map_err(io(&self.output))?);
-        let mut trace = Trace::new(file, board.played()).map_err(io(&self.output))?;
-        for command in commands {
-            command.carry_out(&mut board, &mut trace)?;
+        let mut trace = Trace::new(file, console.board.played()).map_err(io(&self.output))?;
+        let answers = console.script(&script, |played| trace.segment(&played)).map_err(Failure::Refused)?;
+        console.settle(|played| trace.segment(&played));
+        answers.iter().for_each(|answer| println!("{answer}"));
+        let errors = console.line("SYST:ERR:ALL?", |played| trace.segment(&played));
+        if !errors.starts_with("0,") {
+            println!("errors: {errors}");
         }
-        board.run(u64::MAX, |played| trace.segment(&played));
+        let board = &console.board;
         let edges = trace.end(board.played()).map_err(io(&self.output))?;
         println!("{edges} edges in {} us written to {}", board.now() * SEGMENT_TICKS as u64, self.output.display());
-        Ok(())
-    }
-}
-
-/// What a line of a script asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Command {
-    Pose([i64; AXES]),
-    Move(Axis, i64),
-    StopAll,
-    Wait,
-}
-
-/// The commands of a script. A stand-in that knows four of the language's headers; the controller's own parser
-/// takes its place, and then [`Command`] goes.
-fn read_script(script: &str) -> Result<Vec<Command>, Failure> {
-    let lines =
-        script.lines().map(str::trim).enumerate().filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
-    lines
-        .map(|(number, line)| {
-            read_line(line).ok_or_else(|| Failure::Refused(format!("line {}: {line:?} is not understood", number + 1)))
-        })
-        .collect()
-}
-
-fn read_line(line: &str) -> Option<Command> {
-    let (header, rest) = line.split_once(' ').unwrap_or((line, ""));
-    let number =
-        |text: &str, axis: Axis| parse(text.as_bytes(), if axis.is_rotary() { Unit::ANGLE } else { Unit::LENGTH }).ok();
-    match (header.to_ascii_uppercase().as_str(), rest.trim()) {
-        ("*WAI", "") => Some(Command::Wait),
-        ("STOP", "") => Some(Command::StopAll),
-        ("POSE", rest) => {
-            let numbers = rest.split(',').zip(Axis::ALL).map(|(text, axis)| number(text, axis));
-            let pose: Vec<_> = numbers.collect::<Option<_>>()?;
-            (rest.split(',').count() == AXES).then_some(())?;
-            Some(Command::Pose(pose.try_into().ok()?))
-        }
-        (header, rest) => {
-            let axis: usize = header.strip_prefix("AXIS")?.strip_suffix(":MOVE")?.parse().ok()?;
-            let axis = Axis::from_index(axis.checked_sub(1)?)?;
-            Some(Command::Move(axis, number(rest, axis)?))
-        }
-    }
-}
-
-impl Command {
-    /// Motion is overlapped: only `*WAI` lets time pass, and every command the segment in which it is seen.
-    fn carry_out<W: Write>(self, board: &mut Board, trace: &mut Trace<W>) -> Result<(), Failure> {
-        let refused = |error: stage_controller::error::Error| Failure::Refused(error.to_string());
-        match self {
-            Command::Pose(pose) => board.front.pose_absolute(pose).map_err(refused)?,
-            Command::Move(axis, to) => board.front.move_absolute(axis, to).map_err(refused)?,
-            Command::StopAll => board.front.stop_all(),
-            Command::Wait => {
-                board.run(u64::MAX, |played| trace.segment(&played));
-                return Ok(());
-            }
-        }
-        board.step(|played| trace.segment(&played));
         Ok(())
     }
 }

@@ -1,0 +1,120 @@
+//! What the commands of the language do: from a parsed call to the front.
+//!
+//! Every handler takes all of its parameters before it changes anything.
+
+mod axis;
+mod compensation;
+mod pose;
+mod setting;
+
+use super::front::{Front, axis_condition};
+use crate::error::Error;
+use crate::scpi::parser::Call;
+use crate::scpi::response::Response;
+use crate::scpi::session::{Flow, Instrument};
+use crate::scpi::status::Conditions;
+use crate::scpi::tree::Command as C;
+use crate::units::Axis;
+use crate::units::decimal::Unit;
+use setting::{Setting, nanoseconds};
+
+/// Bits of STATus:OPERation and STATus:QUEStionable.
+mod condition {
+    pub const MOVING: u16 = 1 << 8;
+    pub const TAKE_UP: u16 = 1 << 9;
+    pub const LIMIT: u16 = 1 << 11;
+}
+
+impl Instrument for Front {
+    fn execute(&mut self, link: u8, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
+        if !call.query && self.is_busy_at_the_border() && call.command != C::Abort {
+            return Ok(Flow::Wait);
+        }
+        match call.command {
+            C::Identify => out.text(concat!("Stage Controller,SC6,0,", env!("CARGO_PKG_VERSION"))),
+            C::SelfTest | C::Options => out.integer(0),
+            C::Reset | C::SystemPreset => return Ok(reset(self)),
+            C::TimeTick => out.integer(i64::try_from(self.ticks()).unwrap_or(i64::MAX)),
+            C::JogTimeout => {
+                let millisecond = nanoseconds(1);
+                let setting = Setting {
+                    now: i64::from(self.settings.jog_timeout_ms) * millisecond,
+                    least: 10 * millisecond,
+                    most: 3_600_000 * millisecond,
+                    default: 1000 * millisecond,
+                };
+                let parse = |p: &mut crate::scpi::params::Params<'_>| p.number(Unit::TIME);
+                if let Some(t) = setting.access(call, parse, |t| out.quantity(t, Unit::TIME))? {
+                    self.settings.jog_timeout_ms = ((t + millisecond / 2) / millisecond) as u32;
+                }
+            }
+            C::Stop => self.stop_all(),
+            C::Abort => self.abort(),
+            C::StatusAxis => out.integer(self.axis_condition(axis_of(call)?)),
+            _ => return other(self, link, call, out),
+        }
+        Ok(Flow::Done)
+    }
+
+    fn abort(&mut self, _link: u8) {
+        Front::abort(self);
+    }
+
+    fn operation_pending(&self) -> bool {
+        Front::operation_pending(self)
+    }
+
+    fn conditions(&self) -> Conditions {
+        let mut conditions = Conditions::default();
+        for axis in Axis::ALL {
+            let own = self.axis_condition(axis);
+            let bit = 1 << (axis.index() + 1);
+            let has = |mask: u16| own & mask != 0;
+            if has(axis_condition::MOVING) {
+                conditions.operation_instrument |= bit;
+            }
+            if !has(axis_condition::HOMED) || has(axis_condition::UNCERTAIN) {
+                conditions.questionable_instrument |= bit;
+            }
+            if has(axis_condition::SOFT_LOW | axis_condition::SOFT_HIGH) {
+                conditions.questionable |= condition::LIMIT;
+            }
+        }
+        if conditions.operation_instrument != 0 {
+            conditions.operation |= condition::MOVING;
+        }
+        if self.taking_up() != 0 {
+            conditions.operation |= condition::TAKE_UP;
+        }
+        conditions
+    }
+}
+
+/// `*RST`: aborts what moves, and sets the defaults once it stands.
+fn reset(front: &mut Front) -> Flow {
+    if front.operation_pending() {
+        front.abort();
+        return Flow::Wait;
+    }
+    front.reset();
+    Flow::Done
+}
+
+fn other(front: &mut Front, link: u8, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
+    match call.suffix {
+        Some(_) => axis::execute(front, axis_of(call)?, link, call, out).map(|()| Flow::Done),
+        None => match call.command {
+            C::PoseMove | C::PoseRelative | C::PoseQuery | C::PoseCheck | C::VelocityOverride => {
+                pose::execute(front, call, out).map(|()| Flow::Done)
+            }
+            _ => compensation::execute(front, call, out),
+        },
+    }
+}
+
+/// The axis in the header.
+fn axis_of(call: &Call<'_>) -> Result<Axis, Error> {
+    call.suffix
+        .and_then(|n| Axis::from_index(usize::from(n).wrapping_sub(1)))
+        .ok_or(crate::error::ErrorNumber::HeaderSuffixOutOfRange.into())
+}

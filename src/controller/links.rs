@@ -1,0 +1,113 @@
+//! All links of a controller: their sessions, device events to all of them, and jogs that need traffic.
+
+use super::front::Front;
+use crate::error::Error;
+use crate::scpi::session::{Instrument, Session};
+
+/// Block data may pause for this long, ms.
+const BLOCK_TIMEOUT_MS: u64 = 2000;
+
+/// One link and what time says of it.
+#[derive(Clone, Debug)]
+struct Link {
+    session: Session,
+    /// Time of the last byte, ms.
+    last_traffic_ms: u64,
+    open: bool,
+}
+
+/// `N` links, numbered from 0.
+#[derive(Clone, Debug)]
+pub struct Links<const N: usize> {
+    links: [Link; N],
+}
+
+impl<const N: usize> Default for Links<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const N: usize> Links<N> {
+    /// All closed.
+    pub fn new() -> Self {
+        let link = |n| Link { session: Session::new(n as u8), last_traffic_ms: 0, open: false };
+        Links { links: core::array::from_fn(link) }
+    }
+
+    /// A link opens as after power-up; a free number, none when all are taken.
+    pub fn open(&mut self, now_ms: u64) -> Option<usize> {
+        let n = self.links.iter().position(|link| !link.open)?;
+        self.links[n] = Link { session: Session::new(n as u8), last_traffic_ms: now_ms, open: true };
+        Some(n)
+    }
+
+    /// A link closes: its input and a pending *OPC? are dropped, its jogs end; positioning moves finish.
+    pub fn close(&mut self, n: usize, front: &mut Front) {
+        if let Some(link) = self.links.get_mut(n) {
+            link.session.device_clear();
+            link.open = false;
+            front.end_jogs(n as u8);
+        }
+    }
+
+    /// BREAK on a link.
+    pub fn clear(&mut self, n: usize) {
+        if let Some(link) = self.links.get_mut(n) {
+            link.session.device_clear();
+        }
+    }
+
+    /// Takes bytes; says how many. The others are to be offered again, first and unchanged.
+    pub fn receive(&mut self, n: usize, bytes: &[u8], now_ms: u64) -> usize {
+        let Some(link) = self.links.get_mut(n) else { return bytes.len() };
+        if !bytes.is_empty() {
+            link.last_traffic_ms = now_ms;
+        }
+        link.session.receive(bytes)
+    }
+
+    /// Hands answers to a link; says how many bytes.
+    pub fn transmit(&mut self, n: usize, to: &mut [u8]) -> usize {
+        self.links.get_mut(n).map_or(0, |link| link.session.transmit(to))
+    }
+
+    /// The link has nothing to send.
+    pub fn is_quiet(&self, n: usize) -> bool {
+        self.links.get(n).is_none_or(|link| !link.session.has_output())
+    }
+
+    /// Executes what can be executed on every link, and ends jogs without traffic. True when something was executed.
+    pub fn poll(&mut self, front: &mut Front, now_ms: u64) -> bool {
+        if let Some(error) = front.take_late_error() {
+            self.report(error);
+        }
+        let timeout = u64::from(front.settings().jog_timeout_ms);
+        let mut progress = false;
+        for (n, link) in self.links.iter_mut().enumerate().filter(|(_, link)| link.open) {
+            let quiet_ms = now_ms.saturating_sub(link.last_traffic_ms);
+            if quiet_ms > timeout && front.has_jog(n as u8) {
+                front.end_jogs(n as u8);
+            }
+            if quiet_ms > BLOCK_TIMEOUT_MS && link.session.awaits_block() {
+                link.session.timeout();
+            }
+            progress |= link.session.poll(front);
+        }
+        if progress {
+            front.plan();
+        }
+        progress
+    }
+
+    /// Latches conditions on every link between two polls.
+    pub fn observe(&mut self, front: &Front) {
+        let conditions = front.conditions();
+        self.links.iter_mut().filter(|link| link.open).for_each(|link| link.session.observe(&conditions));
+    }
+
+    /// Queues a device event on every link.
+    pub fn report(&mut self, error: Error) {
+        self.links.iter_mut().filter(|link| link.open).for_each(|link| link.session.report(error));
+    }
+}
