@@ -38,7 +38,7 @@ impl Seeded {
 
     /// A number below `n`.
     pub fn below(&mut self, n: u64) -> u64 {
-        (u128::from(self.next_u64()) * u128::from(n) >> 64) as u64
+        ((u128::from(self.next_u64()) * u128::from(n)) >> 64) as u64
     }
 }
 
@@ -110,7 +110,7 @@ pub struct Board {
     twin: Mechanics,
     ring: VecDeque<Box<Waiting>>,
     /// Played segments, whose room is used again.
-    spare: Vec<Box<Waiting>>,
+    spare: VecDeque<Box<Waiting>>,
     played: u64,
     orders: VecDeque<(u64, Order)>,
     arrived: Queue,
@@ -130,7 +130,7 @@ impl Board {
             generator: Generator::new(law, timing),
             twin: Mechanics::new(machine, [false; 6]),
             ring: VecDeque::with_capacity(RING),
-            spare: Vec::with_capacity(RING),
+            spare: VecDeque::with_capacity(RING),
             played: 0,
             orders: VecDeque::new(),
             arrived: Queue::default(),
@@ -150,7 +150,7 @@ impl Board {
         }
         if let Some(waiting) = self.ring.pop_front() {
             self.play(waiting.segment, &waiting.words, Some(waiting.motor), &mut observe);
-            self.spare.push(waiting);
+            self.spare.push_back(waiting);
         }
         let depth = match self.interleaving {
             Interleaving::Prompt => RING,
@@ -183,7 +183,7 @@ impl Board {
         while self.orders.front().is_some_and(|(due, _)| *due <= self.now) {
             self.arrived.0.extend(self.orders.pop_front().map(|(_, order)| order));
         }
-        let mut waiting = self.spare.pop().unwrap_or_else(|| {
+        let mut waiting = self.spare.pop_back().unwrap_or_else(|| {
             Box::new(Waiting { segment: 0, words: [0; SEGMENT_TICKS], motor: FineSteps::default() })
         });
         let report = self.generator.refill(&mut self.arrived, self.played, &mut waiting.words);

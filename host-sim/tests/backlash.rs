@@ -205,7 +205,7 @@ fn frozen(freeze: impl Fn(&mut Board, bool)) {
 #[test]
 fn the_switch_freezes_the_overlay_and_nothing_jumps() {
     frozen(|board, on| {
-        let switches = Switches { backlash: !on, ..*&board.front.settings().switches };
+        let switches = Switches { backlash: !on, ..board.front.settings().switches };
         board.front.set_switches(switches).unwrap();
     });
 }

@@ -12,7 +12,7 @@ use stage_controller::controller::generator::Generator;
 use stage_controller::stepgen::segment::Words;
 use stage_controller::units::{AXES, Axis, MotorSteps, SEGMENT_NS, SEGMENT_TICKS};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
@@ -41,8 +41,8 @@ pub struct Args {
     #[arg(long, default_value_t = 2.0)]
     seconds: f64,
     /// Run the generator for counting instructions, and nothing else.
-    #[arg(long, hide = true)]
-    counted: bool,
+    #[arg(long, hide = true, value_name = "STEPS_PER_S")]
+    counted: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -51,7 +51,8 @@ struct Figures {
     target_times_real_time: f64,
     simulation: Vec<Run>,
     generator_alone: Vec<Run>,
-    instructions: Option<Instructions>,
+    /// Of the refills, at the same rates; empty when not counted.
+    instructions: Vec<Instructions>,
     /// Why instructions were not counted.
     instructions_note: Option<String>,
 }
@@ -100,6 +101,7 @@ impl Clocks {
 
 #[derive(Debug, Serialize)]
 struct Instructions {
+    wanted_steps_per_s: f64,
     segments: u64,
     steps: u64,
     per_segment: f64,
@@ -112,18 +114,19 @@ impl Args {
             Some(path) => load(path)?,
             None => Machine::parse(BENCH).expect("the built-in machine is valid"),
         };
-        if self.counted {
-            let run = generator_alone(&machine, RATES[0], None)?;
+        if let Some(rate) = self.counted {
+            let run = generator_alone(&machine, rate, None)?;
             println!("{} {}", run.segments, run.steps);
             return Ok(());
         }
         let each = |measure: &dyn Fn(f64) -> Result<Run, Failure>| {
             RATES.into_iter().map(measure).collect::<Result<Vec<_>, _>>()
         };
-        let counted = count_instructions(self.machine.as_deref());
+        let counted: Result<Vec<_>, _> =
+            RATES.into_iter().map(|rate| count_instructions(self.machine.as_deref(), rate)).collect();
         let (instructions, instructions_note) = match counted {
-            Ok(counted) => (Some(counted), None),
-            Err(note) => (None, Some(note)),
+            Ok(counted) => (counted, None),
+            Err(note) => (Vec::new(), Some(note)),
         };
         let figures = Figures {
             machine: machine.name.clone(),
@@ -158,7 +161,7 @@ impl Course {
         let ways = machine.drives.map(|d| d.travel[1].min(-d.travel[0]) / d.step);
         let half = ways.into_iter().fold(f64::MAX, f64::min) * OF_THE_TRAVEL;
         let counts = |sign: f64| {
-            let turn = |i: usize| if i % 2 == 0 { sign } else { -sign };
+            let turn = |i: usize| if i.is_multiple_of(2) { sign } else { -sign };
             MotorSteps(std::array::from_fn(|i| (turn(i) * half) as i32))
         };
         let ends = [-1.0, 1.0].map(|sign| front.law().forward(counts(sign)).0.map(i64::from));
@@ -310,11 +313,11 @@ fn generator_alone(machine: &Machine, rate: f64, seconds: Option<f64>) -> Result
 }
 
 /// Counts the instructions of the refills with callgrind, in a child of this program.
-fn count_instructions(machine: Option<&std::path::Path>) -> Result<Instructions, String> {
+fn count_instructions(machine: Option<&Path>, rate: f64) -> Result<Instructions, String> {
     let tool = std::env::current_exe().map_err(|error| format!("not counted: {error}"))?;
     let mut child = Command::new("valgrind");
     child.args(["--tool=callgrind", "--callgrind-out-file=/dev/null", "--toggle-collect=*counted_refill*"]);
-    child.arg(tool).args(["bench", "--counted"]);
+    child.arg(tool).args(["bench", "--counted", &rate.to_string()]);
     if let Some(machine) = machine {
         child.arg("--machine").arg(machine);
     }
@@ -325,6 +328,7 @@ fn count_instructions(machine: Option<&std::path::Path>) -> Result<Instructions,
     let mut counts = printed.split_whitespace().map_while(|word| word.parse::<u64>().ok());
     match (collected, counts.next(), counts.next()) {
         (Some(collected), Some(segments), Some(steps)) if collected > 0 && steps > 0 => Ok(Instructions {
+            wanted_steps_per_s: rate,
             segments,
             steps,
             per_segment: collected as f64 / segments as f64,
@@ -367,13 +371,26 @@ impl fmt::Display for Figures {
         for run in &self.generator_alone {
             line(f, "generator alone", run)?;
         }
-        match (&self.instructions, &self.instructions_note) {
-            (Some(i), _) => writeln!(
+        for i in &self.instructions {
+            writeln!(
                 f,
-                "instructions     {:.1} a step, {:.0} a segment (this machine's, over {} steps in {} segments)",
-                i.per_step, i.per_segment, i.steps, i.segments
-            )?,
-            (None, note) => writeln!(f, "instructions     {}", note.as_deref().unwrap_or("not counted"))?,
+                "instructions     {:>3.0} k wanted: {:.1} a step, {:.0} a segment (of this machine, {} steps in {} segments)",
+                i.wanted_steps_per_s * 1e-3,
+                i.per_step,
+                i.per_segment,
+                i.steps,
+                i.segments
+            )?;
+        }
+        if let [low, high] = self.instructions.as_slice() {
+            let steps = high.steps as f64 / high.segments as f64 - low.steps as f64 / low.segments as f64;
+            if steps > 1.0 {
+                let more = high.per_segment - low.per_segment;
+                writeln!(f, "                 {:.1} a further step", more / steps)?;
+            }
+        }
+        if let Some(note) = &self.instructions_note {
+            writeln!(f, "instructions     {note}")?;
         }
         writeln!(f, "target           {:.0} x real time with the twin", self.target_times_real_time)
     }

@@ -136,20 +136,15 @@ impl Mechanics {
 
     /// Rising edges of STEP lines when each word lowers all of them: bits 5 to 7 and 13 to 15, a byte for each.
     fn count_edges(&mut self, words: &[u32]) {
-        let mut counts = [0u32; 3];
-        let mut count = |before: u32, word: u32| {
-            let rising = word & !before;
-            for (i, count) in (5..).zip(&mut counts) {
-                *count += rising >> i & 0x0101;
-            }
-        };
-        let Some((last, first)) = words.split_last().and_then(|(last, _)| Some((last, words.first()?))) else {
+        let (Some((first, later)), Some(last)) = (words.split_first(), words.last()) else {
             return;
         };
-        count(self.lines, *first);
-        for (before, word) in words.iter().zip(words.iter().skip(1)) {
-            count(*before, *word);
-        }
+        let count = |counts: [u32; 3], before: u32, word: u32| {
+            let rising = word & !before;
+            [counts[0] + (rising >> 5 & 0x0101), counts[1] + (rising >> 6 & 0x0101), counts[2] + (rising >> 7 & 0x0101)]
+        };
+        let start = count([0; 3], self.lines, *first);
+        let counts = words.iter().zip(later).fold(start, |counts, (before, word)| count(counts, *before, *word));
         self.lines = after_word(self.lines & !STEP_MASK, *last);
         let mut by_motor = 0;
         for (motor, pin) in STEP_PINS.into_iter().enumerate() {
