@@ -6,4 +6,6 @@ pub mod calibrate;
 pub mod cli;
 pub mod machine;
 pub mod model;
+pub mod server;
+pub mod session;
 pub mod twin;

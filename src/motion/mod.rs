@@ -11,12 +11,14 @@
 pub mod bounds;
 pub mod budget;
 pub mod limits;
+mod path;
 pub mod plan;
 pub mod planner;
 pub mod profile;
 pub mod ramp;
 pub mod roots;
 mod search;
+mod sloped;
 pub mod track;
 
 #[cfg(test)]

@@ -2,9 +2,15 @@
 //!
 //! All durations are whole segments. They are found first, from the ideal profile rounded up;
 //! with them fixed the way is affine in the remaining amplitude, which is then solved exactly.
+//! Candidates are compared by their duration; stop and rest-to-rest move always exists.
+//!
+//! Limitation: from rest, and for every change of velocity, the duration is within 2 % and 6
+//! segments of the optimum in continuous time. Where a deceleration under way is re-planned, 2 to
+//! 3 % of plans exceed that, because its exact way leaves whole segments no freedom.
 
+use super::path::{Path, Point};
 use super::profile::{Profile, State};
-use super::ramp::{FARTHEST, FROM_Q60, FROM_Q90, Limits, Path, Point, Rates, Unplannable, div_up, segments};
+use super::ramp::{FARTHEST, FROM_Q60, FROM_Q90, Limits, Rates, Unplannable, div_up, segments};
 use super::roots::{cbrt_up, sqrt_up};
 
 /// Longest continuation of a jog behind its ramp, in segments.
@@ -35,7 +41,7 @@ pub fn to_position(state: State, target: i64, limits: Limits) -> Result<Profile,
 fn start(state: State) -> Option<Point> {
     let small = |x: i128| x.abs() <= 1 << 91;
     let ok = small(state.velocity) && small(state.acceleration) && state.position.abs() <= FARTHEST;
-    ok.then(|| Point { s: 0, v: state.velocity << FROM_Q90, a: state.acceleration << FROM_Q90 })
+    ok.then_some(Point { s: 0, v: state.velocity << FROM_Q90, a: state.acceleration << FROM_Q90 })
 }
 
 fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
@@ -102,9 +108,14 @@ fn settled(from: Point, rates: &Rates, v_most: i128) -> Option<Path> {
     let swing = from.a - from.a.signum() * rates.j.checked_mul(n)?;
     let a_most = rates.a.max(from.a.abs());
     let mut found = None;
-    for eighths in [0, 4, 8, 6, 7, 5, 2, 3, 1] {
+    // The ninth way stops one segment short at full jerk and rounds that one off.
+    for eighths in [0, 4, 8, 6, 7, 5, 2, 3, 1, 9] {
         let mut path = Path::new(from);
-        path.push(segments(n)?, swing / 8 * eighths)?;
+        if eighths == 9 {
+            path.push(segments(n - 1)?, swing + from.a.signum() * rates.j)?;
+        } else {
+            path.push(segments(n)?, swing / 8 * eighths)?;
+        }
         if path.at.a != 0 {
             path.push(1, 0)?;
         }
@@ -146,16 +157,23 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
         rest_to_rest(&mut path, rest.abs(), &rates)?;
         return finish(path, sign);
     }
-    let direct = [false, true].into_iter().find_map(|lead| {
+    let direct = |lead| {
         super::search::direct(Path::new(mirrored), sign * way, rates, lead)
             .filter(|path| path.keeps(&rates, v_most, a_most))
             .and_then(|path| Some((path.time, finish(path, sign)?)))
-    });
+    };
+    let led = if from.a == 0 { None } else { direct(true) };
+    // Where a stop ends almost at the target, bending it there beats every other way.
+    let bent = (rest.abs() < stop.at.s.abs())
+        .then(|| super::sloped::stop(Path::new(mirrored), sign * way, &rates))
+        .flatten()
+        .filter(|path| path.keeps(&rates, v_most, a_most))
+        .and_then(|path| Some((path.time, finish(path, sign)?)));
     // Stop, then go: always possible, and the better way when the rest is tiny.
     let mut detour = if sign < 0 { stop.mirrored() } else { stop };
     let detour =
         rest_to_rest(&mut detour, rest.abs(), &rates).and_then(|()| Some((detour.time, finish(detour, sign)?)));
-    [direct, detour].into_iter().flatten().min_by_key(|found| found.0).map(|found| found.1)
+    [direct(false), led, bent, detour].into_iter().flatten().min_by_key(|found| found.0).map(|found| found.1)
 }
 
 /// From rest to rest over `way > 0`.
@@ -177,7 +195,7 @@ fn rest_to_rest(path: &mut Path, way: i128, rates: &Rates) -> Option<()> {
         let hold = d.div_ceil(a.checked_mul(r)?);
         let jr = j.checked_mul(r)?;
         let q = hold.max(sqrt_up(d.div_ceil(jr)));
-        let p = d.div_ceil(jr.checked_mul(q).unwrap_or(u128::MAX));
+        let p = d.div_ceil(jr.saturating_mul(q));
         if p + q <= r {
             let cruise = way / r as i128;
             let peak = cruise / q as i128;

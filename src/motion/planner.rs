@@ -76,6 +76,19 @@ impl Active {
 struct Flight {
     sequence: u16,
     active: Active,
+    /// What it was planned for: still to be done if it is refused.
+    wish: Wish,
+}
+
+/// What a track in flight was planned for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Wish {
+    /// A stop or a change of speed of what runs.
+    Change,
+    /// The desire of its axis.
+    Desire(Desire),
+    /// A goal.
+    Goal(Pose),
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -269,20 +282,31 @@ impl Planner {
     /// True when one was refused.
     pub fn answer(&mut self, answered: u16, refused: u32, segment: u64) -> bool {
         let mut any_refused = false;
-        for slot in &mut self.slots {
-            if let Some(flight) = slot.flight {
-                let age = answered.wrapping_sub(flight.sequence);
-                if age < 0x8000 {
-                    slot.flight = None;
-                    if age < 32 && refused >> age & 1 == 0 {
-                        slot.active = Some(flight.active);
-                    } else {
-                        any_refused = true;
-                        // planned again from the state at a later segment
-                        slot.stop |= flight.active.stopping;
-                        slot.replan |= !flight.active.stopping && slot.active.is_some();
-                    }
+        for i in 0..SLOTS {
+            let slot = &mut self.slots[i];
+            let Some(flight) = slot.flight else { continue };
+            let age = answered.wrapping_sub(flight.sequence);
+            if age >= 0x8000 {
+                continue;
+            }
+            slot.flight = None;
+            if age < 32 && refused >> age & 1 == 0 {
+                slot.active = Some(flight.active);
+                continue;
+            }
+            // planned again from the state at a later segment, unless something newer is wished for
+            any_refused = true;
+            match flight.wish {
+                Wish::Change => {
+                    slot.stop |= flight.active.stopping;
+                    slot.replan |= !flight.active.stopping;
                 }
+                Wish::Desire(desire) if self.desires[i] == Desire::None && !slot.stop => {
+                    self.desires[i] = desire;
+                    self.then[i] = None;
+                }
+                Wish::Goal(goal) if self.goal.is_none() && !slot.stop => self.goal = Some(goal),
+                _ => {}
             }
         }
         self.merge(segment);
@@ -395,7 +419,7 @@ impl Planner {
             active.track.end = active.track.at(profile.end_position());
             active.stopping = true;
         }
-        if self.launch(slot, active, segment, order) {
+        if self.launch(slot, active, Wish::Change, segment, order) {
             let entry = &mut self.slots[slot];
             (entry.stop, entry.replan) = (false, false);
         }
@@ -406,12 +430,13 @@ impl Planner {
         &mut self,
         slot: usize,
         active: Active,
+        wish: Wish,
         segment: u64,
         order: &mut impl FnMut(Proposal) -> Option<u16>,
     ) -> bool {
         match order(Proposal { slot: slot as u8, segment, track: active.track }) {
             Some(sequence) => {
-                self.slots[slot].flight = Some(Flight { sequence, active });
+                self.slots[slot].flight = Some(Flight { sequence, active, wish });
                 true
             }
             None => false,
@@ -469,7 +494,7 @@ impl Planner {
         let track = Track { origin: [0; AXES], direction, end: direction, profile };
         let active =
             Active { track, start: segment, grant, speed: PATH_ONE, goal: PATH_ONE, stopping: false, jog: false };
-        if self.launch(slot, active, segment, order) {
+        if self.launch(slot, active, Wish::Goal(goal), segment, order) {
             self.goal = None;
         }
         Ok(())
@@ -539,7 +564,7 @@ impl Planner {
         track.end[i] = end;
         let jog = matches!(self.desires[i], Desire::Jog { .. });
         let active = Active { track, start: segment, grant, speed, goal, stopping: false, jog };
-        if self.launch(i, active, segment, order) {
+        if self.launch(i, active, Wish::Desire(self.desires[i]), segment, order) {
             self.desires[i] = Desire::None;
             self.then[i] = then;
             self.slots[i].replan = false;

@@ -1,7 +1,8 @@
 //! The cruise velocity of a move that starts in motion.
 
+use super::path::{Path, Point};
 use super::plan::lead_in;
-use super::ramp::{Path, Point, Rates, div_up, segments};
+use super::ramp::{Rates, div_up, segments};
 
 /// Bisection steps for the cruise velocity: what they leave is made up by a short cruise.
 const STEPS: u32 = 24;
@@ -42,17 +43,19 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
     let at = path.at;
     let free = at.v + rates.forced(at.a)?;
     let slowing = at.a < 0 && free > 0;
-    if slowing && shape(at, free.min(rates.v), &rates)?.1 > way {
+    let too_fast = free.max(at.v) > rates.v;
+    let full = shape(at, rates.v, &rates)?.1;
+    if slowing && (free <= rates.v || full > way) && shape(at, free, &rates)?.1 > way {
         return ease(path, way, &rates);
     }
-    let full = shape(at, rates.v, &rates)?.1;
-    let too_fast = free.max(at.v) > rates.v;
-    if too_fast && full > way && !slowing {
+    let keep_speed = too_fast && full > way && (!slowing || free > rates.v);
+    if keep_speed {
         // Braking to the limit first and again to rest would pass the target: the speed that is
         // forced in any case is kept for the little that remains before the stop.
-        rates.v = free.max(at.v);
+        rates.v = if slowing { free } else { free.max(at.v) };
     }
-    let crossing = at.a < 0 && !(slowing && too_fast) || at.a > 0 && too_fast;
+    let near_limit = free > rates.v - rates.v / 8;
+    let crossing = at.a < 0 && (!slowing || free <= rates.v) || at.a > 0 && near_limit;
     if lead && crossing {
         lead_in(&mut path, &rates)?;
     }
@@ -75,15 +78,40 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
             break;
         }
     }
-    cruise_at(path, low, way, &rates)
+    let found = cruise_at(path, low, way, &rates);
+    if free <= 0 || low > free + free / 4 {
+        return found;
+    }
+    // Hardly anything to gain from a rise: the stop alone may fit better.
+    let level = super::sloped::cruise(path, free, way, &rates);
+    let stop = super::sloped::stop(path, way, &rates);
+    [found, level, stop].into_iter().flatten().min_by_key(|path| path.time)
 }
 
-/// Fixes the durations for a cruise velocity near `vc` and solves it exactly.
-fn cruise_at(mut path: Path, mut vc: i128, way: i128, rates: &Rates) -> Option<Path> {
-    let at = path.at;
-    if vc <= 0 {
+/// Fixes the durations for a cruise velocity near `wanted` and solves the rest exactly.
+fn cruise_at(path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path> {
+    if wanted <= 0 {
         return None;
     }
+    let near = cruise_near(path, wanted, way, rates);
+    let (ideal, reach) = shape(path.at, wanted, rates)?;
+    let segments = ideal.up.iter().chain(&ideal.down).map(|n| i128::from(*n)).sum::<i128>();
+    let fair = i128::from(path.time) + segments + (way - reach) / wanted + 2;
+    if near.is_some_and(|near| i128::from(near.time) <= fair) {
+        return near;
+    }
+    // Ramps to a velocity a little lower can cost more than the cruise gives.
+    let sloped = super::sloped::cruise(path, wanted, way, rates);
+    [near, sloped].into_iter().flatten().min_by_key(|path| path.time)
+}
+
+/// The solution in which the cruise velocity absorbs the rounding of the durations.
+fn cruise_near(mut path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path> {
+    let at = path.at;
+    if wanted <= 0 {
+        return None;
+    }
+    let mut vc = wanted;
     let (mut shape, reach) = shape(at, vc, rates)?;
     shape.cruise = segments(div_up((way - reach).max(0), vc))?;
     if shape.up == [0; 3] {
@@ -95,19 +123,30 @@ fn cruise_at(mut path: Path, mut vc: i128, way: i128, rates: &Rates) -> Option<P
             shape.cruise += 1;
             continue;
         }
-        let up = rates.relax_signed(at, vc, shape.up)?;
-        let down = rates.relax_signed(Point { s: 0, v: vc, a: 0 }, 0, shape.down)?;
+        let longer = |from: Point, v1: i128, n: [u32; 3]| match rates.relax_signed(from, v1, n) {
+            Some(same) if same == n => Some(n),
+            // A few segments more may not be enough: what this velocity needs is known.
+            _ => {
+                let need = rates.ramp(from.v, from.a, v1)?;
+                let n = [n[0].max(need[0]), n[1].max(need[1]), n[2].max(need[2])];
+                rates.relax_signed(from, v1, n)
+            }
+        };
+        let up = longer(at, vc, shape.up)?;
+        let down = longer(Point { s: 0, v: vc, a: 0 }, 0, shape.down)?;
         if up == shape.up && down == shape.down {
             shape.push(&mut path, vc)?;
             return Some(path);
         }
-        (shape.up, shape.down) = (up, down);
+        // The longer ramps cover way too: less is left to the cruise.
+        shape = Shape { up, cruise: 0, down };
+        shape.cruise = segments(div_up((way - shape.way(at, wanted)?).max(0), wanted))?;
     }
     None
 }
 
 /// The argument near `x` at which the affine function `f` is `goal`.
-fn solve(f: impl Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -> Option<i128> {
+pub(super) fn solve(f: impl Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -> Option<i128> {
     // A step that is large against the rounding of f, small against its range.
     let step = 1 << 70;
     let slope = (f(x + step)? - f(x)?) >> 30;
@@ -159,6 +198,13 @@ fn ease(path: Path, way: i128, rates: &Rates) -> Option<Path> {
                 }
             }
         }
+    }
+    // Easing at full jerk, and a sloped stop for the rest.
+    for m in [low, low.saturating_sub(1), low.saturating_sub(3), low - low / 8] {
+        let mut eased = path;
+        eased.push(m, at.a + rates.j * i128::from(m))?;
+        let found = super::sloped::stop(eased, way, rates);
+        best = [best, found].into_iter().flatten().min_by_key(|path| path.time);
     }
     best
 }

@@ -4,7 +4,7 @@ extern crate std;
 use super::profile::{COEFFICIENT_BITS, Phase};
 use super::reference::Ideal;
 use super::*;
-use std::{eprintln, vec, vec::Vec};
+use std::{eprintln, vec::Vec};
 
 const ONE: f64 = (1u64 << 60) as f64;
 const Q90: f64 = ONE * (1 << 30) as f64;
@@ -192,7 +192,7 @@ fn from_rest_every_plan_keeps_the_limits_and_is_near_the_optimum() {
 #[test]
 fn chains_of_new_targets_overrides_and_stops_keep_the_limits() {
     let mut random = Random(2);
-    let mut kinds = vec![Excess::default(), Excess::default(), Excess::default(), Excess::default()];
+    let mut kinds = [Excess::default(), Excess::default(), Excess::default(), Excess::default()];
     let mut stops = Excess::default();
     for _ in 0..15_000 {
         let base = random.limits();
@@ -240,6 +240,10 @@ fn chains_of_new_targets_overrides_and_stops_keep_the_limits() {
     kinds[3].report("override");
     stops.report("stop, jog");
     assert_eq!(stops.over, 0);
+    // Known gap: some re-plans of a deceleration under way take a longer way; see `plan`.
+    for (kind, share) in kinds.iter().zip([0.001, 0.03, 0.002, 0.03]) {
+        assert!(f64::from(kind.over) <= share * f64::from(kind.plans));
+    }
 }
 
 #[test]
@@ -255,15 +259,27 @@ fn extreme_limits_and_states_never_panic() {
         };
         let state = State { position, velocity: v * sign(&mut random), acceleration: a * sign(&mut random) };
         let target = q60(3.9 * random.signed());
-        for plan in [to_position(state, target, l), to_velocity(state, target >> random.below(60), l)] {
-            if let Ok(profile) = plan {
-                planned += 1;
-                check(&profile, state, l);
-                if profile.end_velocity() == 0 {
-                    check_target(&profile, profile.end_position());
-                }
+        for profile in
+            [to_position(state, target, l), to_velocity(state, target >> random.below(60), l)].into_iter().flatten()
+        {
+            planned += 1;
+            check(&profile, state, l);
+            if profile.end_velocity() == 0 {
+                check_target(&profile, profile.end_position());
             }
         }
     }
     eprintln!("extremes: {planned} of 200000 planned");
+}
+
+#[test]
+fn moves_as_slow_as_two_to_the_thirty_segments_end_exactly() {
+    for (velocity, acceleration, jerk) in [(1 << 31, 1 << 60, 1 << 60), (1 << 31, 1 << 12, 1), (1 << 40, 1 << 16, 1)] {
+        let l = Limits { velocity, acceleration, jerk };
+        for target in [1, -1 << 59, 1 << 60] {
+            let profile = to_position(State::rest(0), target, l).unwrap();
+            check(&profile, State::rest(0), l);
+            check_target(&profile, target);
+        }
+    }
 }

@@ -1,10 +1,9 @@
 //! `host-sim calibrate`: machine file in, calibration block out.
 
-use super::Failure;
+use super::{Failure, machine};
 use crate::calibrate::calibrate;
-use crate::machine::{Machine, MachineError};
 use stage_controller::compensation::calibration::BLOCK_CAPACITY;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Compute the calibration block of a machine, and say how exact it is.
 #[derive(Debug, clap::Args)]
@@ -21,7 +20,7 @@ pub struct Args {
 
 impl Args {
     pub(super) fn run(self) -> Result<(), Failure> {
-        let machine = load(&self.machine)?;
+        let machine = machine(&self.machine)?;
         let named = |reason: String| Failure::Refused(format!("{}: {reason}", self.machine.display()));
         let (calibration, report) = calibrate(&machine).map_err(|refusal| named(refusal.to_string()))?;
         let mut block = [0; BLOCK_CAPACITY];
@@ -36,15 +35,4 @@ impl Args {
         }
         Ok(())
     }
-}
-
-/// A machine file, or the built-in machine by its name when there is no such file.
-fn load(path: &Path) -> Result<Machine, Failure> {
-    if path == Path::new("paper") && !path.exists() {
-        return Ok(Machine::paper());
-    }
-    Machine::load(path).map_err(|error| match error {
-        MachineError::Read { path, source } => Failure::Io { path, source },
-        other => Failure::Refused(format!("{}: {other}", path.display())),
-    })
 }

@@ -1,21 +1,30 @@
 //! The command line: one file per subcommand, each with its `Args` and a `run`.
 
 mod calibrate;
+mod load;
+mod serve;
 
+use crate::machine::{Machine, MachineError};
 use clap::{Parser, Subcommand};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Motion controller for six-axis fibre alignment stages, on the desktop.
 #[derive(Debug, Parser)]
-#[command(version, arg_required_else_help = true)]
+#[command(version, args_conflicts_with_subcommands = true)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    /// Without a subcommand: `serve`.
+    #[command(flatten)]
+    serve: serve::Args,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Serve(serve::Args),
     Calibrate(calibrate::Args),
+    Load(load::Args),
 }
 
 /// Why a subcommand failed, and with it the exit status.
@@ -47,8 +56,11 @@ impl Failure {
 
 /// Parses the arguments of the process and runs the subcommand.
 pub fn main() -> ExitCode {
-    let result = match Cli::parse().command {
+    let cli = Cli::parse();
+    let result = match cli.command.unwrap_or(Command::Serve(cli.serve)) {
+        Command::Serve(args) => args.run(),
         Command::Calibrate(args) => args.run(),
+        Command::Load(args) => args.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -57,4 +69,15 @@ pub fn main() -> ExitCode {
             ExitCode::from(failure.status())
         }
     }
+}
+
+/// A machine file, or the built-in machine by its name when there is no such file.
+fn machine(path: &Path) -> Result<Machine, Failure> {
+    if path == Path::new("paper") && !path.exists() {
+        return Ok(Machine::paper());
+    }
+    Machine::load(path).map_err(|error| match error {
+        MachineError::Read { path, source } => Failure::Io { path, source },
+        other => Failure::Refused(format!("{}: {other}", path.display())),
+    })
 }

@@ -1,0 +1,59 @@
+//! The server: boards in virtual time behind TCP sockets and pseudo terminals.
+//!
+//! # Design
+//! One thread, one loop: bytes in, commands, segments of virtual time, bytes out. Bytes that a session refuses stay
+//! with the link and are offered again. At `--speed max` virtual time stands still while nothing moves.
+
+mod link;
+mod pty;
+mod station;
+
+pub use pty::{Pty, make_raw};
+pub use station::{Options, Speed, Station};
+
+use mio::{Events, Poll};
+use std::io;
+use std::time::{Duration, Instant};
+
+/// How often the live line is renewed.
+const STATUS_EVERY: Duration = Duration::from_millis(200);
+/// Longest sleep while something moves: a few segments.
+const BUSY_SLEEP: Duration = Duration::from_micros(500);
+/// Longest sleep while nothing moves: a pseudo terminal that is opened must be seen soon.
+const IDLE_SLEEP: Duration = Duration::from_millis(10);
+
+/// Serves until `stop` says so. `status` is given the live line now and then.
+///
+/// # Errors
+/// Those of the system's poll.
+pub fn serve(
+    stations: &mut [Station],
+    mut poll: Poll,
+    mut status: impl FnMut(&str),
+    stop: impl Fn() -> bool,
+) -> io::Result<()> {
+    let start = Instant::now();
+    let mut events = Events::with_capacity(64);
+    let mut next_status = start;
+    while !stop() {
+        let mut busy = false;
+        for station in stations.iter_mut() {
+            busy |= station.turn(start.elapsed());
+        }
+        if Instant::now() >= next_status {
+            let lines: Vec<_> = stations.iter().map(Station::status).collect();
+            status(&lines.join("   "));
+            next_status = Instant::now() + STATUS_EVERY;
+        }
+        let sleep = match busy {
+            true if stations.iter().any(Station::is_flat_out) => Duration::ZERO,
+            true => BUSY_SLEEP,
+            false => IDLE_SLEEP,
+        };
+        match poll.poll(&mut events, Some(sleep)) {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            other => other?,
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,244 @@
+//! One board with its links.
+
+use super::link::{State, Stream};
+use super::pty::Pty;
+use crate::board::{Board, Interleaving};
+use crate::machine::Machine;
+use crate::session::power_up;
+use mio::net::{TcpListener, TcpStream};
+use mio::unix::SourceFd;
+use mio::{Interest, Poll, Token};
+use stage_controller::controller::links::Links;
+use stage_controller::units::decimal::{Formatted, Unit};
+use stage_controller::units::{Axis, SEGMENT_NS};
+use std::io;
+use std::net::SocketAddr;
+use std::os::fd::{AsFd, AsRawFd};
+use std::time::Duration;
+
+/// Links of a board: sockets and the serial port.
+const LINKS: usize = 9;
+/// Segments in one turn at full speed: a few milliseconds of wall time.
+const FLAT_OUT_SEGMENTS: u64 = 4000;
+/// Virtual time that a late turn makes up for; beyond, it is given up.
+const CATCH_UP: Duration = Duration::from_millis(250);
+const IDLE_TOKEN: Token = Token(0);
+
+/// How virtual time runs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Speed {
+    /// As fast as the machine can, and only while something moves.
+    Max,
+    /// This many times wall time.
+    Factor(f64),
+}
+
+/// How a board is set up.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Address to listen on.
+    pub address: SocketAddr,
+    /// Open a pseudo terminal too.
+    pub pty: bool,
+    /// Virtual time.
+    pub speed: Speed,
+    /// Like a board after power-up: not homed, disabled.
+    pub cold: bool,
+    /// Seed of the interleaving of the two halves.
+    pub seed: u64,
+}
+
+struct Client {
+    link: usize,
+    stream: Stream<TcpStream>,
+}
+
+/// One board with its links.
+pub struct Station {
+    board: Board,
+    links: Links<LINKS>,
+    listener: TcpListener,
+    clients: Vec<Client>,
+    pty: Option<(Stream<Pty>, Option<usize>)>,
+    speed: Speed,
+    /// Wall time up to which virtual time has run.
+    reached: Duration,
+    seen: (u8, u8, bool),
+}
+
+impl Station {
+    /// Sets a board up and listens.
+    ///
+    /// # Errors
+    /// Those of the sockets; the calibration's refusal as text.
+    pub fn new(machine: &Machine, options: &Options, poll: &Poll) -> io::Result<Self> {
+        let front = power_up(machine, options.cold).map_err(io::Error::other)?;
+        let mut board = Board::new(machine, front, Interleaving::Jittered(2), options.seed);
+        board.settle();
+        let mut listener = TcpListener::bind(options.address)?;
+        poll.registry().register(&mut listener, IDLE_TOKEN, Interest::READABLE)?;
+        let pty = match options.pty {
+            true => {
+                let pty = Pty::new()?;
+                poll.registry().register(&mut SourceFd(&pty.as_fd().as_raw_fd()), IDLE_TOKEN, Interest::READABLE)?;
+                Some((Stream::new(pty), None))
+            }
+            false => None,
+        };
+        Ok(Station {
+            board,
+            links: Links::new(),
+            listener,
+            clients: Vec::new(),
+            pty,
+            speed: options.speed,
+            reached: Duration::ZERO,
+            seen: (0, 0, true),
+        })
+    }
+
+    /// Where it listens.
+    ///
+    /// # Errors
+    /// Those of the socket.
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+
+    /// Path of its pseudo terminal.
+    pub fn terminal(&mut self) -> Option<std::path::PathBuf> {
+        self.pty.as_mut().map(|(stream, _)| stream.get_mut().path().to_owned())
+    }
+
+    /// True when virtual time runs as fast as it can.
+    pub fn is_flat_out(&self) -> bool {
+        self.speed == Speed::Max
+    }
+
+    /// One turn of the loop at this wall time; true while something moves or waits.
+    pub fn turn(&mut self, wall: Duration) -> bool {
+        let now_ms = wall.as_millis() as u64;
+        self.accept(now_ms);
+        self.read(now_ms);
+        let executed = self.links.poll(&mut self.board.front, now_ms);
+        self.advance(wall);
+        self.observe();
+        self.links.poll(&mut self.board.front, now_ms);
+        self.write();
+        executed || self.is_busy()
+    }
+
+    fn is_busy(&self) -> bool {
+        self.board.front.operation_pending() || self.clients.iter().any(|c| c.stream.has_input())
+    }
+
+    fn accept(&mut self, now_ms: u64) {
+        while let Ok((stream, _)) = self.listener.accept() {
+            // without a link number left the socket is closed at once
+            if let Some(link) = self.links.open(now_ms) {
+                let _ = stream.set_nodelay(true);
+                self.clients.push(Client { link, stream: Stream::new(stream) });
+            }
+        }
+    }
+
+    fn read(&mut self, now_ms: u64) {
+        let Station { board, links, clients, pty, .. } = self;
+        clients.retain_mut(|client| {
+            let state = client.stream.fill();
+            client.stream.offer(|bytes| links.receive(client.link, bytes, now_ms));
+            // what came before the end is still executed, if it can be without waiting
+            if state == State::Gone {
+                links.poll(&mut board.front, now_ms);
+                links.close(client.link, &mut board.front);
+            }
+            state == State::Open
+        });
+        if let Some((stream, link)) = pty {
+            let state = stream.fill();
+            if state == State::Open && link.is_none() {
+                *link = links.open(now_ms);
+            }
+            if let Some(n) = *link {
+                stream.offer(|bytes| links.receive(n, bytes, now_ms));
+                if state == State::Gone {
+                    links.poll(&mut board.front, now_ms);
+                    links.close(n, &mut board.front);
+                    stream.clear();
+                    *link = None;
+                }
+            }
+        }
+    }
+
+    fn write(&mut self) {
+        let Station { board, links, clients, pty, .. } = self;
+        clients.retain_mut(|client| {
+            let state = client.stream.drain(|to| links.transmit(client.link, to));
+            if state == State::Gone {
+                links.close(client.link, &mut board.front);
+            }
+            state == State::Open
+        });
+        if let Some((stream, Some(n))) = pty {
+            // a hang-up is seen by the next read
+            let _ = stream.drain(|to| links.transmit(*n, to));
+        }
+    }
+
+    fn advance(&mut self, wall: Duration) {
+        match self.speed {
+            Speed::Max => {
+                for _ in 0..FLAT_OUT_SEGMENTS {
+                    if !self.board.front.operation_pending() {
+                        break;
+                    }
+                    self.step();
+                }
+            }
+            Speed::Factor(factor) => {
+                if wall - self.reached > CATCH_UP {
+                    self.reached = wall - CATCH_UP;
+                }
+                let segment = Duration::from_nanos((SEGMENT_NS as f64 / factor) as u64).max(Duration::from_nanos(1));
+                while self.reached + segment <= wall {
+                    self.reached += segment;
+                    self.step();
+                }
+            }
+        }
+    }
+
+    fn step(&mut self) {
+        self.board.step(|_| ());
+        self.observe();
+    }
+
+    /// Short conditions are latched when they change, not only when a client asks.
+    fn observe(&mut self) {
+        let report = self.board.front.report();
+        let now = (report.moving, report.taking_up, report.settled);
+        if now != self.seen {
+            self.seen = now;
+            self.links.observe(&self.board.front);
+        }
+    }
+
+    /// The live line: pose, what moves, who is there.
+    pub fn status(&self) -> String {
+        let front = &self.board.front;
+        let pose = front.position();
+        let unit = |axis: Axis| if axis.is_rotary() { Unit::ANGLE } else { Unit::LENGTH };
+        let text = |axis: Axis| {
+            let digits = Formatted { value: pose.0[axis.index()].into(), unit: unit(axis) }.to_string();
+            // a live line wants 0.1 urad, not 0.2 nrad
+            let keep = if axis.is_rotary() { digits.len().saturating_sub(3) } else { digits.len() };
+            digits[..keep].to_owned()
+        };
+        let pose: Vec<_> = Axis::ALL.into_iter().map(text).collect();
+        let state = if front.operation_pending() { "moving" } else { "at rest" };
+        let clients = self.clients.len() + usize::from(self.pty.as_ref().is_some_and(|(_, link)| link.is_some()));
+        let seconds = self.board.played() as f64 * SEGMENT_NS as f64 * 1e-9;
+        format!("{seconds:9.1} s  {}  {state}  {clients} client(s)", pose.join(" "))
+    }
+}

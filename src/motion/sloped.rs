@@ -1,0 +1,79 @@
+//! Stops whose hold is not level: they absorb the rounding of the durations where the cruise
+//! velocity cannot, because there is hardly any cruise or the start already has that velocity.
+
+use super::path::{Path, Point};
+use super::ramp::{Rates, segments};
+use super::search::solve;
+
+/// By how much a stop is lengthened in turn, in segments: each leaves more room for the slope.
+const LONGER: [u32; 12] = [0, 1, 2, 3, 4, 6, 9, 14, 21, 32, 64, 128];
+
+/// Ramp to exactly `vc`, cruise for whole segments, and a stop that makes up for the rest.
+pub(super) fn cruise(mut path: Path, vc: i128, way: i128, rates: &Rates) -> Option<Path> {
+    if vc <= 0 {
+        return None;
+    }
+    let up = rates.ramp(path.at.v, path.at.a, vc)?;
+    path.push_ramp(up, vc)?;
+    let [p, hold, _] = rates.symmetric(vc)?;
+    LONGER.into_iter().find_map(|longer| {
+        // A triangle has no hold to slope: its sides become longer too.
+        let n = [p + longer.div_ceil(2), hold + longer.max(1), p + longer.div_ceil(2)];
+        let stop = Point { s: 0, ..path.at }.after_ramp(n, 0)?.s;
+        let left = way - path.at.s - stop;
+        if left < 0 {
+            return None;
+        }
+        let cruise = segments(left / vc)?;
+        [cruise, cruise + 1].into_iter().find_map(|cruise| {
+            let mut path = path;
+            path.push(cruise, 0)?;
+            stop_at(path, n, way, rates)
+        })
+    })
+}
+
+/// The stop from the present state, without touching zero acceleration before its end.
+pub(super) fn stop(path: Path, way: i128, rates: &Rates) -> Option<Path> {
+    let n = rates.ramp(path.at.v, path.at.a, 0)?;
+    let [n1, n2, n3] = n;
+    // A stop that is already under way has the durations of its own plan left, which may be
+    // shorter than those found afresh.
+    let level = n1 + n2;
+    let under_way = (0..4u32).flat_map(|less| {
+        let middle = (level + 1).saturating_sub(less).max(1);
+        [[1, middle - 1, n3], [1, middle - 1, n3 + 1], [n1.max(1), (n2 + 1).saturating_sub(less), n3]]
+    });
+    let longer = LONGER.into_iter().flat_map(|longer| {
+        let half = longer.div_ceil(2);
+        [
+            [n1.max(1), n2 + longer, n3 + 1],
+            [n1 + 1, (n2 + longer).max(1), n3],
+            [n1 + half, (n2 + longer).max(1), n3 + half],
+            [n1 + longer, n2.max(1), n3 + 1],
+        ]
+    });
+    under_way.chain(longer).find_map(|n| stop_at(path, n, way, rates))
+}
+
+/// The stop with these durations that ends exactly at `way`, if it keeps the limits.
+pub(super) fn stop_at(mut path: Path, n: [u32; 3], way: i128, rates: &Rates) -> Option<Path> {
+    let at = path.at;
+    let [n1, n2, n3] = n.map(i128::from);
+    // The second corner follows from the first and the velocity.
+    let known = -2 * at.v - n1.checked_mul(at.a)?;
+    let second = |first: i128| known.checked_sub((n1 + n2).checked_mul(first)?)?.checked_div(n2 + n3);
+    let end = |first: i128| at.after(n[0], first)?.after(n[1], second(first)?)?.after(n[2], 0);
+    let first = solve(|first| Some(end(first)?.s), at.a, way)?;
+    let second = second(first)?;
+    let corners = [at.a, first, second, 0];
+    let steep = corners.windows(2).zip([n1, n2, n3]).any(|(a, n)| (a[1] - a[0]).abs() > rates.j.saturating_mul(n));
+    if steep || first.abs().max(second.abs()) > rates.a {
+        return None;
+    }
+    path.push(n[0], first)?;
+    path.push(n[1], second)?;
+    path.push(n[2], 0)?;
+    path.at.v = 0;
+    Some(path)
+}
