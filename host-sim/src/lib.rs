@@ -5,6 +5,7 @@ pub mod board;
 pub mod calibrate;
 pub mod cli;
 pub mod machine;
+pub mod manual;
 pub mod model;
 pub mod server;
 pub mod session;

@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod load;
+mod manual;
 mod serve;
 
 use crate::machine::{Machine, MachineError};
@@ -24,6 +25,7 @@ struct Cli {
 enum Command {
     Serve(serve::Args),
     Calibrate(calibrate::Args),
+    Manual(manual::Args),
     Load(load::Args),
 }
 
@@ -60,6 +62,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command.unwrap_or(Command::Serve(cli.serve)) {
         Command::Serve(args) => args.run(),
         Command::Calibrate(args) => args.run(),
+        Command::Manual(args) => args.run(),
         Command::Load(args) => args.run(),
     };
     match result {
