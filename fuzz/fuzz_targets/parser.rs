@@ -2,10 +2,9 @@
 #![no_main]
 
 use host_sim::board::{Board, Interleaving};
-use host_sim::calibrate::calibrate;
 use host_sim::machine::Machine;
+use host_sim::session::block_of;
 use libfuzzer_sys::fuzz_target;
-use stage_controller::compensation::calibration::BLOCK_CAPACITY;
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use std::sync::OnceLock;
@@ -15,20 +14,10 @@ const PAUSE_MS: u64 = 3000;
 /// Segments that pass at most between two chunks.
 const CHUNK_SEGMENTS: u8 = 32;
 
-fn block() -> &'static [u8] {
-    static BLOCK: OnceLock<Vec<u8>> = OnceLock::new();
-    BLOCK.get_or_init(|| {
-        let (calibration, _) = calibrate(&Machine::paper()).unwrap();
-        let mut block = vec![0; BLOCK_CAPACITY];
-        let length = calibration.encode(&mut block).unwrap();
-        block.truncate(length);
-        block
-    })
-}
-
 fn board() -> Board {
+    static BLOCK: OnceLock<Vec<u8>> = OnceLock::new();
     let mut front = Front::new();
-    front.load(block()).unwrap();
+    front.load(BLOCK.get_or_init(|| block_of(&Machine::paper()).unwrap())).unwrap();
     front.assume_homed();
     let mut board = Board::new(&Machine::paper(), front, Interleaving::Prompt, 1);
     board.settle();

@@ -1,9 +1,8 @@
 //! The manual, its examples and the command tree.
 
 use host_sim::board::{Board, Interleaving};
-use host_sim::calibrate::calibrate;
 use host_sim::machine::Machine;
-use stage_controller::controller::front::Front;
+use host_sim::session::power_up;
 use stage_controller::controller::links::Links;
 use stage_controller::scpi::tree::{Command, TABLE};
 use std::process::{Command as Process, Output};
@@ -17,12 +16,7 @@ struct Stage {
 impl Stage {
     fn new() -> Self {
         let machine = Machine::paper();
-        let (calibration, _) = calibrate(&machine).unwrap();
-        let mut block = [0; 1024];
-        let length = calibration.encode(&mut block).unwrap();
-        let mut front = Front::new();
-        front.load(&block[..length]).unwrap();
-        front.assume_homed();
+        let front = power_up(&machine, false).unwrap();
         let mut board = Board::new(&machine, front, Interleaving::Prompt, 1);
         assert!(board.settle());
         let mut links = Links::new();

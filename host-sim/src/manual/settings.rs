@@ -1,8 +1,7 @@
 //! Range and default of every setting, asked of a live controller.
 
-use crate::calibrate::calibrate;
 use crate::machine::Machine;
-use stage_controller::compensation::calibration::BLOCK_CAPACITY;
+use crate::session::power_up;
 use stage_controller::controller::front::Front;
 use stage_controller::scpi::session::Session;
 use stage_controller::scpi::tree::{Entry, Kind, TABLE};
@@ -18,11 +17,7 @@ struct Live {
 
 impl Live {
     fn new() -> Self {
-        let (calibration, _) = calibrate(&Machine::paper()).expect("the paper's machine can be calibrated");
-        let mut block = [0; BLOCK_CAPACITY];
-        let length = calibration.encode(&mut block).expect("a block fits its capacity");
-        let mut front = Front::new();
-        front.load(&block[..length]).expect("the controller takes what the tool writes");
+        let front = power_up(&Machine::paper(), true).expect("the paper's machine can be calibrated");
         Live { front, session: Session::new(0) }
     }
 
