@@ -52,9 +52,10 @@ pub enum Interleaving {
 }
 
 /// Orders that have arrived at the generator.
-struct Arrived<'a>(&'a mut VecDeque<Order>);
+#[derive(Debug, Default)]
+pub struct Queue(pub VecDeque<Order>);
 
-impl Orders for Arrived<'_> {
+impl Orders for Queue {
     fn peek(&self) -> Option<&Order> {
         self.0.front()
     }
@@ -62,6 +63,25 @@ impl Orders for Arrived<'_> {
     fn pop(&mut self) {
         self.0.pop_front();
     }
+}
+
+/// Factors of the words in their hash, from the same generator as [`Seeded`].
+const FACTORS: [u32; SEGMENT_TICKS] = {
+    let (mut factors, mut state, mut i) = ([0; SEGMENT_TICKS], 0x9E37_79B9_7F4A_7C15_u64, 0);
+    while i < SEGMENT_TICKS {
+        state ^= state >> 12;
+        state ^= state << 25;
+        state ^= state >> 27;
+        factors[i] = (state.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 32) as u32 | 1;
+        i += 1;
+    }
+    factors
+};
+
+/// Multilinear hash of a segment: no product waits for another one.
+fn multilinear(words: &[u32]) -> u64 {
+    let products = words.iter().zip(&FACTORS).map(|(word, factor)| u64::from(*word) * u64::from(*factor));
+    products.fold(words.len() as u64, u64::wrapping_add)
 }
 
 /// A segment that waits to be played.
@@ -88,10 +108,12 @@ pub struct Board {
     pub front: Front,
     generator: Generator,
     twin: Mechanics,
-    ring: VecDeque<Waiting>,
+    ring: VecDeque<Box<Waiting>>,
+    /// Played segments, whose room is used again.
+    spare: Vec<Box<Waiting>>,
     played: u64,
     orders: VecDeque<(u64, Order)>,
-    arrived: VecDeque<Order>,
+    arrived: Queue,
     reports: VecDeque<(u64, Report)>,
     now: u64,
     interleaving: Interleaving,
@@ -108,9 +130,10 @@ impl Board {
             generator: Generator::new(law, timing),
             twin: Mechanics::new(machine, [false; 6]),
             ring: VecDeque::with_capacity(RING),
+            spare: Vec::with_capacity(RING),
             played: 0,
             orders: VecDeque::new(),
-            arrived: VecDeque::new(),
+            arrived: Queue::default(),
             reports: VecDeque::new(),
             now: 0,
             interleaving,
@@ -127,6 +150,7 @@ impl Board {
         }
         if let Some(waiting) = self.ring.pop_front() {
             self.play(waiting.segment, &waiting.words, Some(waiting.motor), &mut observe);
+            self.spare.push(waiting);
         }
         let depth = match self.interleaving {
             Interleaving::Prompt => RING,
@@ -143,7 +167,7 @@ impl Board {
     pub fn run(&mut self, segments: u64, mut observe: impl FnMut(Played<'_>)) -> bool {
         for _ in 0..segments {
             self.step(&mut observe);
-            if !self.front.operation_pending() && self.orders.is_empty() && self.arrived.is_empty() {
+            if !self.front.operation_pending() && self.orders.is_empty() && self.arrived.0.is_empty() {
                 return true;
             }
         }
@@ -157,12 +181,15 @@ impl Board {
 
     fn refill(&mut self) {
         while self.orders.front().is_some_and(|(due, _)| *due <= self.now) {
-            self.arrived.extend(self.orders.pop_front().map(|(_, order)| order));
+            self.arrived.0.extend(self.orders.pop_front().map(|(_, order)| order));
         }
-        let mut words = [0; SEGMENT_TICKS];
-        let report = self.generator.refill(&mut Arrived(&mut self.arrived), self.played, &mut words);
-        let motor = self.generator.motor_positions();
-        self.ring.push_back(Waiting { segment: report.next - 1, words, motor });
+        let mut waiting = self.spare.pop().unwrap_or_else(|| {
+            Box::new(Waiting { segment: 0, words: [0; SEGMENT_TICKS], motor: FineSteps::default() })
+        });
+        let report = self.generator.refill(&mut self.arrived, self.played, &mut waiting.words);
+        waiting.motor = self.generator.motor_positions();
+        waiting.segment = report.next - 1;
+        self.ring.push_back(waiting);
         let due = self.now + self.delay();
         self.reports.push_back((due, report));
     }
@@ -199,10 +226,7 @@ impl Board {
     }
 
     fn play(&mut self, segment: u64, words: &[u32], motor: Option<FineSteps>, observe: &mut impl FnMut(Played<'_>)) {
-        for pair in words.chunks(2) {
-            let both = u64::from(pair[0]) | u64::from(*pair.get(1).unwrap_or(&0)) << 32;
-            self.hash = (self.hash ^ both).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(5);
-        }
+        self.hash = (self.hash ^ multilinear(words)).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(29);
         self.twin.feed(words);
         self.played = segment + 1;
         observe(Played { segment, words, motor });

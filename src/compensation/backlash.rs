@@ -4,7 +4,8 @@
 //! compensated target s: m = s + o with o = 0 on the reference flank and b against it on the other one
 //! (ERROR-MODEL 7.5). It is judged on the motor's whole-step target, never on a logical axis, and never accumulates.
 //! The overlay changes along a jerk-limited curve of a fixed duration within what the planner keeps in reserve;
-//! a take-up that has begun is finished before the next one begins, and it begins only while something moves.
+//! a take-up that has begun is finished before the next one begins, and it begins only while something moves. When
+//! the motor has turned again meanwhile, the next one follows at once, though the move may have ended.
 
 /// Side of the play on which the gear rests: the direction in which the motor moved last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,8 +79,9 @@ impl PlayConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct TakeUp {
     from: i32,
+    /// Equal to `from`: none on its way.
     to: i32,
-    /// Segments since it began; 0 = none on its way.
+    /// Segments since it began.
     elapsed: u32,
     quarter: u32,
 }
@@ -121,7 +123,7 @@ impl Play {
 
     /// True while a take-up is on its way.
     pub fn is_taking_up(&self) -> bool {
-        self.take_up.elapsed != 0
+        self.take_up.from != self.take_up.to
     }
 
     /// True when a take-up would begin with the next move.
@@ -165,28 +167,30 @@ impl Play {
     #[inline(always)]
     pub fn advance(&mut self, target: i32, moving: bool, config: &PlayConfig) -> i64 {
         self.turn(target, config.dead_band);
-        if self.take_up.elapsed == 0 {
+        if !self.is_taking_up() {
             let wanted = self.wanted(config);
             if !moving || self.overlay == wanted {
                 return i64::from(self.overlay) << 32;
             }
             self.take_up = TakeUp { from: self.overlay, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
         }
-        self.continue_take_up()
+        self.continue_take_up(config)
     }
 
     /// Four phases of constant jerk, each a quarter: sigma = 16/3 x^3, then 1/2 - 2 y + 16/3 y^3 with y = 1/2 - x,
     /// and the mirror image. Peaks for a width b and duration T: 2 b/T, 8 b/T^2, 32 b/T^3.
     #[cold]
     #[inline(never)]
-    fn continue_take_up(&mut self) -> i64 {
+    fn continue_take_up(&mut self, config: &PlayConfig) -> i64 {
         let TakeUp { from, to, quarter, .. } = self.take_up;
         self.take_up.elapsed += 1;
         let n = self.take_up.elapsed;
         let duration = 4 * quarter;
         if n >= duration {
             self.overlay = to;
-            self.take_up = TakeUp::default();
+            // turned again since it began: the next one belongs to the same move, even if that has ended
+            let next = self.wanted(config);
+            self.take_up = TakeUp { from: to, to: next, elapsed: 0, quarter: config.quarter.max(1) };
             return i64::from(to) << 32;
         }
         let mirrored = n > 2 * quarter;
@@ -194,7 +198,7 @@ impl Play {
         let third = |n: u32| {
             // 16/3 (n/T)^3 in Q40 with T = 4 quarters: n^3 / (12 quarter^3)
             let x = (u64::from(n) << 30) / u64::from(quarter); // Q30, at most 1
-            let cube = ((x * x >> 30) * x) >> 20; // Q40
+            let cube = (((x * x) >> 30) * x) >> 20; // Q40
             (cube / 12) as i64
         };
         let sigma = if n <= quarter {

@@ -214,8 +214,7 @@ impl Front {
 
     /// True while motion or take-up goes on, or is still to begin: what `*OPC` waits for.
     pub fn operation_pending(&self) -> bool {
-        self.planner.is_moving()
-            || !self.report.settled
+        self.is_moving()
             || self.abort != Abort::None
             || self.preload.is_some()
             || !self.orders.is_empty()
@@ -227,8 +226,13 @@ impl Front {
         self.abort != Abort::None || self.orders.len() > ORDERS - 2 * AXES
     }
 
+    /// True until everything that moves, or waits to move, has come to rest in the words played.
+    pub fn is_moving(&self) -> bool {
+        self.planner.is_moving() || !self.report.settled
+    }
+
     fn standstill(&self) -> Result<(), Error> {
-        if self.planner.is_moving() || !self.report.settled || self.abort != Abort::None || self.preload.is_some() {
+        if self.is_moving() || self.abort != Abort::None || self.preload.is_some() {
             return Err(refuse(ErrorNumber::Moving));
         }
         Ok(())
@@ -531,7 +535,7 @@ impl Front {
 
     /// Stops all motors at once, at the word that plays now.
     pub fn abort(&mut self) {
-        if self.abort == Abort::None && (self.operation_pending() || self.report.moving != 0) {
+        if self.abort == Abort::None && self.is_moving() {
             let segment = self.report.played;
             let speeds = self.planner.speeds(segment);
             for axis in Axis::ALL {

@@ -1,6 +1,7 @@
 //! `host-sim calibrate`: machine file in, calibration block out.
 
-use super::{Failure, machine};
+use super::Failure;
+use super::common::load;
 use crate::calibrate::calibrate;
 use stage_controller::compensation::calibration::BLOCK_CAPACITY;
 use std::path::PathBuf;
@@ -20,7 +21,7 @@ pub struct Args {
 
 impl Args {
     pub(super) fn run(self) -> Result<(), Failure> {
-        let machine = machine(&self.machine)?;
+        let machine = load(&self.machine)?;
         let named = |reason: String| Failure::Refused(format!("{}: {reason}", self.machine.display()));
         let (calibration, report) = calibrate(&machine).map_err(|refusal| named(refusal.to_string()))?;
         let mut block = [0; BLOCK_CAPACITY];

@@ -1,13 +1,15 @@
 //! The command line: one file per subcommand, each with its `Args` and a `run`.
 
+mod bench;
 mod calibrate;
+mod common;
 mod load;
 mod manual;
+mod move_pose;
 mod serve;
+mod trace;
 
-use crate::machine::{Machine, MachineError};
 use clap::{Parser, Subcommand};
-use std::path::Path;
 use std::process::ExitCode;
 
 /// Motion controller for six-axis fibre alignment stages, on the desktop.
@@ -27,6 +29,9 @@ enum Command {
     Calibrate(calibrate::Args),
     Manual(manual::Args),
     Load(load::Args),
+    Move(move_pose::Args),
+    Trace(trace::Args),
+    Bench(bench::Args),
 }
 
 /// Why a subcommand failed, and with it the exit status.
@@ -64,6 +69,9 @@ pub fn main() -> ExitCode {
         Command::Calibrate(args) => args.run(),
         Command::Manual(args) => args.run(),
         Command::Load(args) => args.run(),
+        Command::Move(args) => args.run(),
+        Command::Trace(args) => args.run(),
+        Command::Bench(args) => args.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -72,15 +80,4 @@ pub fn main() -> ExitCode {
             ExitCode::from(failure.status())
         }
     }
-}
-
-/// A machine file, or the built-in machine by its name when there is no such file.
-fn machine(path: &Path) -> Result<Machine, Failure> {
-    if path == Path::new("paper") && !path.exists() {
-        return Ok(Machine::paper());
-    }
-    Machine::load(path).map_err(|error| match error {
-        MachineError::Read { path, source } => Failure::Io { path, source },
-        other => Failure::Refused(format!("{}: {other}", path.display())),
-    })
 }

@@ -1,6 +1,7 @@
 //! `host-sim serve`, also the default: a virtual stage controller to talk to.
 
-use super::{Failure, machine};
+use super::Failure;
+use super::common::load;
 use crate::server::{Options, Speed, Station, serve};
 use mio::Poll;
 use std::io::{self, IsTerminal, Write};
@@ -52,7 +53,7 @@ impl Args {
     /// # Errors
     /// A machine that is refused, an address that cannot be used.
     pub fn run(&self) -> Result<(), Failure> {
-        let machine = machine(&self.machine)?;
+        let machine = load(&self.machine)?;
         let net = |source| Failure::Io { path: format!("{}:{}", self.bind, self.port), source };
         let poll = Poll::new().map_err(net)?;
         let mut stations = Vec::new();

@@ -1,0 +1,141 @@
+//! `host-sim trace`: the pins of a session as a VCD file, for a logic analyser's viewer.
+
+use super::Failure;
+use super::common::{board, load};
+use crate::board::Played;
+use crate::console::Console;
+use crate::twin::{DIR_PINS, STEP_PINS, after_word};
+use stage_controller::units::{Axis, SEGMENT_TICKS};
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::PathBuf;
+use vcd::{IdCode, SimulationCommand, TimescaleUnit, Value, Writer};
+
+/// What is traced without a script: a coordinated move, a reversal with its take-up, a new target on the way, a stop.
+const DEMO: &str = "\
+POSE 20,-10,5,0.1,-0.1,0.05
+*WAI
+AXIS1:MOVE 15
+*WAI
+AXIS2:MOVE 400
+@30
+AXIS2:MOVE 200
+@30
+STOP
+*WAI
+POSE 0,0,0,0,0,0
+*WAI
+";
+
+/// Write the STEP and DIR lines of a session as a VCD file, one unit of time a tick of 1 us.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Machine file (TOML), or `paper` for the built-in machine.
+    #[arg(long, value_name = "FILE", default_value = "paper")]
+    machine: PathBuf,
+    /// Commands, one a line; `@12.5` lets 12.5 ms pass, `#` begins a comment; a built-in demonstration by default.
+    #[arg(long, value_name = "FILE")]
+    script: Option<PathBuf>,
+    /// Where the trace is written.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+impl Args {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let io = |path: &PathBuf| {
+            let path = path.display().to_string();
+            move |source| Failure::Io { path, source }
+        };
+        let machine = load(&self.machine)?;
+        let script = match &self.script {
+            Some(path) => std::fs::read_to_string(path).map_err(io(path))?,
+            None => DEMO.into(),
+        };
+        let mut console = Console::new(board(&machine)?);
+        let file = BufWriter::new(File::create(&self.output).map_err(io(&self.output))?);
+        let mut trace = Trace::new(file, console.board.played()).map_err(io(&self.output))?;
+        let answers = console.script(&script, |played| trace.segment(&played)).map_err(Failure::Refused)?;
+        console.settle(|played| trace.segment(&played));
+        answers.iter().for_each(|answer| println!("{answer}"));
+        let errors = console.line("SYST:ERR:ALL?", |played| trace.segment(&played));
+        if !errors.starts_with("0,") {
+            println!("errors: {errors}");
+        }
+        let board = &console.board;
+        let edges = trace.end(board.played()).map_err(io(&self.output))?;
+        println!("{edges} edges in {} us written to {}", board.now() * SEGMENT_TICKS as u64, self.output.display());
+        Ok(())
+    }
+}
+
+/// A VCD file in the making. The first write that fails ends it; [`Trace::end`] answers why.
+struct Trace<W: Write> {
+    writer: Writer<W>,
+    wires: Vec<(u32, IdCode)>,
+    lines: u32,
+    /// The segment at which time begins.
+    origin: u64,
+    edges: u64,
+    failed: Option<io::Error>,
+}
+
+impl<W: Write> Trace<W> {
+    fn new(file: W, origin: u64) -> io::Result<Self> {
+        let mut writer = Writer::new(file);
+        writer.timescale(1, TimescaleUnit::US)?;
+        writer.add_module("stage")?;
+        let mut wires = Vec::new();
+        for axis in Axis::ALL {
+            for (signal, pins) in [("STEP", STEP_PINS), ("DIR", DIR_PINS)] {
+                let wire = writer.add_wire(1, &format!("{signal}_{}", axis.name()))?;
+                wires.push((1 << pins[axis.index()], wire));
+            }
+        }
+        writer.upscope()?;
+        writer.enddefinitions()?;
+        writer.timestamp(0)?;
+        writer.begin(SimulationCommand::Dumpvars)?;
+        for (_, wire) in &wires {
+            writer.change_scalar(*wire, Value::V0)?;
+        }
+        writer.end()?;
+        Ok(Trace { writer, wires, lines: 0, origin, edges: 0, failed: None })
+    }
+
+    /// The words of a segment as they play.
+    fn segment(&mut self, played: &Played<'_>) {
+        if self.failed.is_none() {
+            self.failed = self.write(played).err();
+        }
+    }
+
+    fn write(&mut self, played: &Played<'_>) -> io::Result<()> {
+        let base = (played.segment - self.origin) * SEGMENT_TICKS as u64;
+        for (tick, word) in (base..).zip(played.words) {
+            let next = after_word(self.lines, *word);
+            let changed = next ^ self.lines;
+            self.lines = next;
+            let mut stamped = false;
+            for (line, wire) in self.wires.iter().filter(|(line, _)| changed & line != 0) {
+                if !stamped {
+                    self.writer.timestamp(tick)?;
+                    stamped = true;
+                }
+                self.writer.change_scalar(*wire, next & line != 0)?;
+                self.edges += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Closes the file after the words of the segments before `end`; answers the edges written.
+    fn end(mut self, end: u64) -> io::Result<u64> {
+        if let Some(error) = self.failed {
+            return Err(error);
+        }
+        self.writer.timestamp((end - self.origin) * SEGMENT_TICKS as u64)?;
+        self.writer.flush()?;
+        Ok(self.edges)
+    }
+}
