@@ -105,7 +105,7 @@ stage_tree() { # The command tree is JSON
     python3 -m json.tool "$LOGS/tree.json" >/dev/null
 }
 
-stage_scripts() { # shellcheck
+stage_scripts() { # Scripts pass shellcheck
     command -v shellcheck >/dev/null || apt_install shellcheck || skip "install shellcheck: apt-get install shellcheck"
     shellcheck tests/run.sh .ci/run
 }
