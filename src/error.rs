@@ -46,6 +46,43 @@ pub enum ErrorNumber {
 }
 
 impl ErrorNumber {
+    /// All of them, in the order of the manual.
+    pub const ALL: &[ErrorNumber] = &[
+        ErrorNumber::InvalidCharacter,
+        ErrorNumber::SyntaxError,
+        ErrorNumber::DataTypeError,
+        ErrorNumber::ParameterNotAllowed,
+        ErrorNumber::MissingParameter,
+        ErrorNumber::UndefinedHeader,
+        ErrorNumber::HeaderSuffixOutOfRange,
+        ErrorNumber::ExponentTooLarge,
+        ErrorNumber::InvalidSuffix,
+        ErrorNumber::InvalidStringData,
+        ErrorNumber::InvalidBlockData,
+        ErrorNumber::InitIgnored,
+        ErrorNumber::SettingsConflict,
+        ErrorNumber::DataOutOfRange,
+        ErrorNumber::DataCorrupt,
+        ErrorNumber::SystemError,
+        ErrorNumber::QueueOverflow,
+        ErrorNumber::InputBufferOverrun,
+        ErrorNumber::QueryInterrupted,
+        ErrorNumber::QueryUnterminated,
+        ErrorNumber::QueryDeadlocked,
+        ErrorNumber::NotHomed,
+        ErrorNumber::LimitSwitch,
+        ErrorNumber::EmergencyStop,
+        ErrorNumber::Moving,
+        ErrorNumber::StepDeadline,
+        ErrorNumber::SettingsLost,
+        ErrorNumber::NoCalibration,
+        ErrorNumber::AxisDisabled,
+        ErrorNumber::PositionUncertain,
+        ErrorNumber::Clock,
+        ErrorNumber::WatchdogRestart,
+        ErrorNumber::DriverFault,
+    ];
+
     /// The number in the queue and in `SYST:ERR?`.
     pub const fn code(self) -> i16 {
         self as i16

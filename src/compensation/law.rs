@@ -6,7 +6,10 @@
 use super::calibration::{Calibration, MotorData};
 use super::coupling::row;
 use super::pivot::{Rotation, Screw, Turned, from_sixteenths, to_nanometres};
-use crate::units::{AXES, FinePose, FineSteps, MotorSteps, Pose};
+use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose};
+
+/// Range of a coordinate in Q32.
+const RANGE: i128 = (COORDINATE_LIMIT as i128) << 32;
 
 /// Which parts of the compensation are on. All on by default.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,7 +130,7 @@ impl Law {
     }
 
     /// The pose of motor counts: the integer Newton solution of this very law, rounded to nm and nrad,
-    /// so that `steps(forward(m)) == m` for every m inside the travel.
+    /// so that `steps(forward(m)) == m` for every m inside the travel. Beyond the range of coordinates it ends there.
     ///
     /// W and D are near the identity, so that the chord iteration gains at least a factor of 50 a round.
     pub fn forward(&self, steps: MotorSteps) -> Pose {
@@ -139,9 +142,10 @@ impl Law {
                 let mut largest = 0;
                 for i in part.clone() {
                     // the middle of the step is where the law, half included, stands one half above the count
-                    let lack = (i64::from(steps.0[i]) << 32) + super::coupling::HALF - at.0[i];
+                    let lack = ((i64::from(steps.0[i]) << 32) + super::coupling::HALF).saturating_sub(at.0[i]);
                     largest = largest.max(lack.unsigned_abs());
-                    pose.0[i] += ((i128::from(lack) * i128::from(self.step[i])) >> 32) as i64;
+                    let better = i128::from(pose.0[i]) + ((i128::from(lack) * i128::from(self.step[i])) >> 32);
+                    pose.0[i] = better.clamp(-RANGE, RANGE) as i64;
                 }
                 if largest < 1 << 12 {
                     break;

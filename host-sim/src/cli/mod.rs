@@ -4,6 +4,7 @@ mod bench;
 mod calibrate;
 mod common;
 mod load;
+mod manual;
 mod move_pose;
 mod serve;
 mod trace;
@@ -26,6 +27,7 @@ struct Cli {
 enum Command {
     Serve(serve::Args),
     Calibrate(calibrate::Args),
+    Manual(manual::Args),
     Load(load::Args),
     Move(move_pose::Args),
     Trace(trace::Args),
@@ -65,6 +67,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command.unwrap_or(Command::Serve(cli.serve)) {
         Command::Serve(args) => args.run(),
         Command::Calibrate(args) => args.run(),
+        Command::Manual(args) => args.run(),
         Command::Load(args) => args.run(),
         Command::Move(args) => args.run(),
         Command::Trace(args) => args.run(),

@@ -1,7 +1,9 @@
 //! The one table of all commands, its types and its matching. A new command is one entry and one handler.
 
+mod kind;
 mod table;
 
+pub use kind::{Kind, Param};
 pub use table::TABLE;
 
 use crate::error::ErrorNumber;
@@ -110,65 +112,6 @@ pub enum Form {
     Query,
     /// Both.
     Both,
-}
-
-/// What a parameter is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// Coordinate of the header's axis: um or deg.
-    Coordinate,
-    /// Distance of the header's axis, `STEP` allowed.
-    Displacement,
-    /// Rate of the header's axis: 1 velocity, 2 acceleration, 3 jerk.
-    Rate(u8),
-    /// Size of a motor step of the header's axis.
-    StepSize,
-    /// `ON|OFF|1|0`.
-    Boolean,
-    /// One of these words.
-    Choice(&'static [&'static str]),
-    /// Whole number within these bounds.
-    Integer(i64, i64),
-    /// Seconds.
-    Time,
-    /// Percent.
-    Percent,
-    /// Six coordinates.
-    Pose,
-    /// Six distances, `STEP` allowed.
-    PoseDelta,
-    /// Three lengths x, y, z.
-    Point,
-    /// Definite block.
-    Block,
-    /// String.
-    Text,
-    /// `MIN|MAX|DEF` in a query.
-    Extreme,
-}
-
-/// A parameter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Param {
-    /// Its name in the manual.
-    pub name: &'static str,
-    /// What it is.
-    pub kind: Kind,
-    /// It may be missing (the last ones only).
-    pub optional: bool,
-    /// `MIN|MAX|DEF` are allowed as well.
-    pub extremes: bool,
-}
-
-impl Param {
-    /// Texts between commas that it takes.
-    pub const fn width(&self) -> usize {
-        match self.kind {
-            Kind::Pose | Kind::PoseDelta => 6,
-            Kind::Point => 3,
-            _ => 1,
-        }
-    }
 }
 
 /// A command.

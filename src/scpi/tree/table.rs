@@ -24,11 +24,12 @@ const STEPS: &[Param] = &[value("steps", Kind::Integer(0, 1 << 20))];
 const POSE: &[Param] = &[param("x,y,z,a,b,g", Kind::Pose)];
 const PIVOT: Param = param("k", Kind::Integer(0, 7));
 
-const MOVE_ERRORS: &[ErrorNumber] =
-    &[DataOutOfRange, NotHomed, LimitSwitch, EmergencyStop, StepDeadline, AxisDisabled, PositionUncertain, InitIgnored];
-const RELATIVE_ERRORS: &[ErrorNumber] =
-    &[DataOutOfRange, LimitSwitch, EmergencyStop, StepDeadline, AxisDisabled, InitIgnored];
-const STANDSTILL: &[ErrorNumber] = &[DataOutOfRange, InitIgnored, Moving];
+/// What a move of a pose or an axis is refused for; relative ones and jogs need no homing.
+const MOVE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, NotHomed, AxisDisabled, PositionUncertain];
+const RELATIVE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, AxisDisabled];
+const PIVOT_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, NoCalibration, Moving];
+const SWITCH_ERRORS: &[ErrorNumber] = &[DataOutOfRange, NoCalibration, Moving];
+const NO_CALIBRATION: &[ErrorNumber] = &[NoCalibration];
 const RANGE: &[ErrorNumber] = &[DataOutOfRange];
 
 const fn entry(command: C, pattern: &'static str, form: Form, params: &'static [Param], help: &'static str) -> Entry {
@@ -111,46 +112,46 @@ pub const TABLE: &[Entry] = &[
         .example("STAT:OPER?"),
     query(C::OperationCondition, "STATus:OPERation:CONDition", "Operation conditions.").example("STAT:OPER:COND?"),
     mask(C::OperationEnable, "STATus:OPERation:ENABle", WORD, "Operation events that sum up.")
-        .range("0..32767", "0")
+        .range("0..65535, bit 15 stays 0", "0")
         .example("STAT:OPER:ENAB 256"),
     mask(C::OperationPositive, "STATus:OPERation:PTRansition", WORD, "Rising conditions that latch.")
-        .range("0..32767", "32767")
+        .range("0..65535, bit 15 stays 0", "32767")
         .example("STAT:OPER:PTR 256"),
     mask(C::OperationNegative, "STATus:OPERation:NTRansition", WORD, "Falling conditions that latch.")
-        .range("0..32767", "0")
+        .range("0..65535, bit 15 stays 0", "0")
         .example("STAT:OPER:NTR 256"),
     query(C::OperationInstrumentEvent, "STATus:OPERation:INSTrument[:EVENt]", "Axes that began to move.")
         .example("STAT:OPER:INST?"),
     query(C::OperationInstrumentCondition, "STATus:OPERation:INSTrument:CONDition", "Axes that move.")
         .example("STAT:OPER:INST:COND?"),
     mask(C::OperationInstrumentEnable, "STATus:OPERation:INSTrument:ENABle", WORD, "Axis events that sum up.")
-        .range("0..32767", "32767")
+        .range("0..65535, bit 15 stays 0", "32767")
         .example("STAT:OPER:INST:ENAB 126"),
     mask(C::OperationInstrumentPositive, "STATus:OPERation:INSTrument:PTRansition", WORD, "Rising axes that latch.")
-        .range("0..32767", "32767")
+        .range("0..65535, bit 15 stays 0", "32767")
         .example("STAT:OPER:INST:PTR 126"),
     mask(C::OperationInstrumentNegative, "STATus:OPERation:INSTrument:NTRansition", WORD, "Falling axes that latch.")
-        .range("0..32767", "0")
+        .range("0..65535, bit 15 stays 0", "0")
         .example("STAT:OPER:INST:NTR 126"),
     query(C::QuestionableEvent, "STATus:QUEStionable[:EVENt]", "Questionable events; reading clears them.")
         .example("STAT:QUES?"),
     query(C::QuestionableCondition, "STATus:QUEStionable:CONDition", "Questionable conditions.")
         .example("STAT:QUES:COND?"),
     mask(C::QuestionableEnable, "STATus:QUEStionable:ENABle", WORD, "Questionable events that sum up.")
-        .range("0..32767", "0")
+        .range("0..65535, bit 15 stays 0", "0")
         .example("STAT:QUES:ENAB 512"),
     mask(C::QuestionablePositive, "STATus:QUEStionable:PTRansition", WORD, "Rising conditions that latch.")
-        .range("0..32767", "32767")
+        .range("0..65535, bit 15 stays 0", "32767")
         .example("STAT:QUES:PTR 512"),
     mask(C::QuestionableNegative, "STATus:QUEStionable:NTRansition", WORD, "Falling conditions that latch.")
-        .range("0..32767", "0")
+        .range("0..65535, bit 15 stays 0", "0")
         .example("STAT:QUES:NTR 512"),
     query(C::QuestionableInstrumentEvent, "STATus:QUEStionable:INSTrument[:EVENt]", "Axes that became questionable.")
         .example("STAT:QUES:INST?"),
     query(C::QuestionableInstrumentCondition, "STATus:QUEStionable:INSTrument:CONDition", "Questionable axes.")
         .example("STAT:QUES:INST:COND?"),
     mask(C::QuestionableInstrumentEnable, "STATus:QUEStionable:INSTrument:ENABle", WORD, "Axis events that sum up.")
-        .range("0..32767", "32767")
+        .range("0..65535, bit 15 stays 0", "32767")
         .example("STAT:QUES:INST:ENAB 126"),
     mask(
         C::QuestionableInstrumentPositive,
@@ -158,7 +159,7 @@ pub const TABLE: &[Entry] = &[
         WORD,
         "Rising axes that latch.",
     )
-    .range("0..32767", "32767")
+    .range("0..65535, bit 15 stays 0", "32767")
     .example("STAT:QUES:INST:PTR 126"),
     mask(
         C::QuestionableInstrumentNegative,
@@ -166,7 +167,7 @@ pub const TABLE: &[Entry] = &[
         WORD,
         "Falling axes that latch.",
     )
-    .range("0..32767", "0")
+    .range("0..65535, bit 15 stays 0", "0")
     .example("STAT:QUES:INST:NTR 126"),
     set(C::StatusPreset, "STATus:PRESet", NONE, "Enables and filters of this link as after power-up.")
         .example("STAT:PRES"),
@@ -183,56 +184,74 @@ pub const TABLE: &[Entry] = &[
         &[param("v", Kind::Rate(1))],
         "Moves at constant velocity until STOP, a limit or a new jog; 0 ramps down.",
     )
-    .errors(RELATIVE_ERRORS)
+    .range("+- the motor's velocity", "")
+    .errors(&[DataOutOfRange, AxisDisabled])
     .example("AXIS4:MOVE:JOG 0.1 DEG/S"),
     set(C::AxisStop, "AXIS#:STOP[:DECelerate]", NONE, "Stops an axis within its limits.").example("AXIS1:STOP"),
-    set(C::AxisStopImmediate, "AXIS#:STOP:IMMediate", NONE, "Stops an axis at once.").example("AXIS1:STOP:IMM"),
+    set(C::AxisStopImmediate, "AXIS#:STOP:IMMediate", NONE, "Stops at once, and all motors with it; see VEL:STAR.")
+        .example("AXIS1:STOP:IMM"),
     set(C::Stop, "STOP", NONE, "Stops all axes within their limits."),
     set(C::Abort, "ABORt", NONE, "Stops everything at once; so does ! as the first byte of a line.").example("ABOR"),
     query(C::AxisPosition, "AXIS#:POSition", "Logical position of the words played so far.").example("AXIS1:POS?"),
     query(C::AxisPositionCommand, "AXIS#:POSition:COMMand", "Target.").example("AXIS1:POS:COMM?"),
     query(C::AxisPositionMotor, "AXIS#:POSition:MOTor", "Motor steps really played.").example("AXIS1:POS:MOT?"),
     set(C::AxisPositionSet, "AXIS#:POSition:SET", COORDINATE, "Says where the axis stands; it is homed then.")
-        .errors(STANDSTILL)
+        .errors(&[DataOutOfRange, Moving])
         .example("AXIS1:POS:SET 0"),
     setting(C::AxisVelocity, "AXIS#:VELocity", VELOCITY, "Wanted velocity of the logical axis.")
-        .range("above 0 .. the motor's", "the motor's")
+        .range("1 nm/s or nrad/s .. the motor's", "the motor's")
         .example("AXIS1:VEL 2 MM/S"),
     setting(C::AxisVelocityStart, "AXIS#:VELocity:STARt", VELOCITY, "An immediate stop above it makes 109.")
-        .range("0 .. the motor's", "the motor's start velocity")
+        .range("0 .. the motor's", "the motor's velocity")
         .example("AXIS1:VEL:STAR 100"),
     setting(C::AxisAcceleration, "AXIS#:ACCeleration", &[value("a", Kind::Rate(2))], "Wanted acceleration.")
-        .range("above 0 .. the motor's", "the motor's")
+        .range("1 um/s2 or urad/s2 .. the motor's", "the motor's")
         .example("AXIS1:ACC 20 MM/S2"),
     setting(C::AxisJerk, "AXIS#:JERK", &[value("j", Kind::Rate(3))], "Wanted jerk.")
-        .range("above 0 .. the motor's", "the motor's")
+        .range("1 um/s3 or urad/s3 .. the motor's", "the motor's")
         .example("AXIS1:JERK 200 MM/S3"),
-    setting(C::AxisStepSize, "AXIS#:STEP:SIZE", &[value("size", Kind::StepSize)], "Size of a motor step.")
-        .range("2 nm or nrad and up", "the calibration's")
-        .errors(&[DataOutOfRange, SettingsConflict, Moving])
-        .example("AXIS1:STEP:SIZE 50 NM"),
+    setting(
+        C::AxisStepSize,
+        "AXIS#:STEP:SIZE",
+        &[value("size", Kind::StepSize)],
+        "Size of a motor step; with a calibration it can only be asked.",
+    )
+    .range("2..65536 nm or nrad", "the calibration's, else 50 nm or 4000 nrad")
+    .errors(&[DataOutOfRange, SettingsConflict, Moving])
+    .example("AXIS1:STEP:SIZE 50 NM"),
     setting(C::AxisStepInvert, "AXIS#:STEP:INVert", SWITCH, "Inverts the sense of DIR.")
         .range("OFF|ON", "OFF")
-        .errors(&[Moving])
+        .errors(&[DataOutOfRange, Moving])
         .example("AXIS1:STEP:INV ON"),
     setting(
         C::AxisStepTiming,
         "AXIS#:STEP:TIMing",
         &[value("high", Kind::Time), value("low", Kind::Time), value("setup", Kind::Time), value("hold", Kind::Time)],
-        "Pulse times of the driver.",
+        "Pulse times that the driver needs; used in whole ticks of 1 us, rounded up.",
     )
-    .range("whole ticks, rounded up", "1 us,1 us,2.5 us,2.5 us")
-    .errors(&[DataOutOfRange, Moving])
+    .range("0..32 us high and low, 0..128 us setup and hold", "1 us, 1 us, 2.5 us, 2.5 us")
+    .errors(&[DataOutOfRange, SettingsConflict, Moving])
     .example("AXIS1:STEP:TIM 1 US,1 US,2.5 US,2.5 US"),
     setting(C::AxisEnable, "AXIS#:ENABle", SWITCH, "Switches the driver.")
         .range("OFF|ON", "OFF")
+        .errors(&[DataOutOfRange, Moving])
         .example("AXIS1:ENAB ON"),
-    setting(C::AxisLimitSoftLower, "AXIS#:LIMit:SOFT:LOWer", COORDINATE_SETTING, "Lower logical limit.")
-        .range("within +-2^29 nm or nrad", "the travel")
-        .example("AXIS1:LIM:SOFT:LOW -5 MM"),
-    setting(C::AxisLimitSoftUpper, "AXIS#:LIMit:SOFT:UPPer", COORDINATE_SETTING, "Upper logical limit.")
-        .range("within +-2^29 nm or nrad", "the travel")
-        .example("AXIS1:LIM:SOFT:UPP 5 MM"),
+    setting(
+        C::AxisLimitSoftLower,
+        "AXIS#:LIMit:SOFT:LOWer",
+        COORDINATE_SETTING,
+        "Lower logical limit, below the upper one.",
+    )
+    .range("within +-2^29 nm or nrad", "the travel")
+    .example("AXIS1:LIM:SOFT:LOW -5 MM"),
+    setting(
+        C::AxisLimitSoftUpper,
+        "AXIS#:LIMit:SOFT:UPPer",
+        COORDINATE_SETTING,
+        "Upper logical limit, above the lower one.",
+    )
+    .range("within +-2^29 nm or nrad", "the travel")
+    .example("AXIS1:LIM:SOFT:UPP 5 MM"),
     setting(C::AxisLimitSoftState, "AXIS#:LIMit:SOFT:STATe", SWITCH, "Switches the logical limits.")
         .range("OFF|ON", "ON")
         .example("AXIS1:LIM:SOFT:STAT ON"),
@@ -245,15 +264,21 @@ pub const TABLE: &[Entry] = &[
     .range("OFF|REVersal|UNIPos|UNINeg", "REVersal")
     .errors(&[Moving])
     .example("AXIS1:BACK:MODE REV"),
-    setting(C::AxisBacklashDistance, "AXIS#:BACKlash:DISTance", COORDINATE_SETTING, "Width of the play.")
-        .range("0 and up", "the calibration's")
-        .errors(&[DataOutOfRange, Moving])
-        .example("AXIS1:BACK:DIST 2.5"),
+    setting(
+        C::AxisBacklashDistance,
+        "AXIS#:BACKlash:DISTance",
+        COORDINATE_SETTING,
+        "Width of the play, used in whole steps.",
+    )
+    .range("0..1048576 steps", "the calibration's")
+    .errors(&[DataOutOfRange, Moving])
+    .example("AXIS1:BACK:DIST 2.5"),
     setting(C::AxisBacklashVelocity, "AXIS#:BACKlash:VELocity", VELOCITY, "Velocity reserved for take-up.")
-        .range("above 0 .. the motor's", "10 % of the motor's")
+        .range("1..50 % of the motor's", "10 % of the motor's")
+        .errors(&[DataOutOfRange, Moving])
         .example("AXIS1:BACK:VEL 200"),
     setting(C::AxisBacklashDeadband, "AXIS#:BACKlash:DEADband", STEPS, "Retreat that does not turn the flank.")
-        .range("0..1048576 steps", "0")
+        .range("0..1048576 steps", "1")
         .example("AXIS1:BACK:DEAD 2"),
     setting(C::AxisBacklashMargin, "AXIS#:BACKlash:MARGin", STEPS, "Overshoot beyond the play in UNIPos and UNINeg.")
         .range("0..1048576 steps", "10")
@@ -262,17 +287,18 @@ pub const TABLE: &[Entry] = &[
         C::AxisBacklashPreload,
         "AXIS#:BACKlash:PRELoad",
         &[param("side", Kind::Choice(&["POSitive", "NEGative"]))],
-        "Moves through the play so that the flank is known.",
+        "Moves through the play and back, so that the flank is known.",
     )
-    .errors(RELATIVE_ERRORS)
+    .errors(&[DataOutOfRange, SettingsConflict, Moving, AxisDisabled])
     .example("AXIS1:BACK:PREL POS"),
     query(C::AxisBacklashOffset, "AXIS#:BACKlash:OFFSet", "Overlay in motor steps.").example("AXIS1:BACK:OFFS?"),
-    query(C::AxisBacklashState, "AXIS#:BACKlash:STATe", "Flank of the motor.").example("AXIS1:BACK:STAT?"),
+    query(C::AxisBacklashState, "AXIS#:BACKlash:STATe", "Flank of the motor: POS, NEG or UNKN.")
+        .example("AXIS1:BACK:STAT?"),
     set(C::PoseMove, "POSE[:ABSolute]", POSE, "Moves all six axes to a pose.")
         .errors(MOVE_ERRORS)
         .example("POSE 0,0,0,0,0,0.5"),
     set(C::PoseRelative, "POSE:RELative", &[param("dx,dy,dz,da,db,dg", Kind::PoseDelta)], "Moves by six distances.")
-        .errors(MOVE_ERRORS)
+        .errors(RELATIVE_ERRORS)
         .example("POSE:REL 1,0,0,0,0,0"),
     query(C::PoseQuery, "POSE", "The six logical positions of the words played so far.").example("POSE?"),
     Entry {
@@ -292,37 +318,50 @@ pub const TABLE: &[Entry] = &[
             "A rotation centre in the array frame.",
         )
     }
-    .range("60 mm from every rotary axis", "")
-    .errors(STANDSTILL)
+    .range("k 1..7; at most 60 mm from any rotary axis", "")
+    .errors(PIVOT_ERRORS)
     .example("PIV:DEF 1,0,0,2 MM"),
-    setting(C::PivotSelect, "PIVot:SELect", &[value("k", Kind::Integer(0, 7))], "Chooses the rotation centre.")
-        .range("0..7", "0")
-        .errors(STANDSTILL)
-        .example("PIV:SEL 1"),
-    query(C::PivotQuery, "PIVot", "The rotation centre in use: number and x, y, z.").example("PIV?"),
+    setting(
+        C::PivotSelect,
+        "PIVot:SELect",
+        &[value("k", Kind::Integer(0, 7))],
+        "Chooses the rotation centre; 0 is the calibration's own.",
+    )
+    .range("0..7", "0")
+    .errors(PIVOT_ERRORS)
+    .example("PIV:SEL 1"),
+    query(C::PivotQuery, "PIVot", "The rotation centre in use: number and x, y, z.")
+        .errors(NO_CALIBRATION)
+        .example("PIV?"),
     setting(C::CompensationState, "COMPensation:STATe", SWITCH, "Switches all compensation.")
         .range("OFF|ON", "ON")
-        .errors(&[NoCalibration, Moving])
+        .errors(SWITCH_ERRORS)
         .example("COMP:STAT ON"),
     setting(C::CompensationCouplingState, "COMPensation:COUPling:STATe", SWITCH, "Switches the coupling.")
         .range("OFF|ON", "ON")
-        .errors(&[NoCalibration, Moving])
+        .errors(SWITCH_ERRORS)
         .example("COMP:COUP:STAT ON"),
     setting(C::CompensationPivotState, "COMPensation:PIVot:STATe", SWITCH, "Switches the rotation centre.")
         .range("OFF|ON", "ON")
-        .errors(&[NoCalibration, Moving])
+        .errors(SWITCH_ERRORS)
         .example("COMP:PIV:STAT ON"),
     setting(C::CompensationBacklashState, "COMPensation:BACKlash:STATe", SWITCH, "Switches the backlash overlay.")
         .range("OFF|ON", "ON")
-        .errors(&[NoCalibration, Moving])
+        .errors(SWITCH_ERRORS)
         .example("COMP:BACK:STAT ON"),
     set(C::CompensationLoad, "COMPensation:LOAD", &[param("block", Kind::Block)], "Takes a calibration block.")
-        .errors(&[SettingsConflict, DataCorrupt, Moving, InitIgnored])
+        .errors(&[InvalidBlockData, DataOutOfRange, SettingsConflict, DataCorrupt, Moving])
         .example("COMP:LOAD #13abc"),
     query(C::CompensationData, "COMPensation:DATA", "The calibration block.")
-        .errors(&[NoCalibration])
+        .errors(NO_CALIBRATION)
         .example("COMP:DATA?"),
-    query(C::CompensationCrc, "COMPensation:CRC", "CRC-32 of the calibration block.").example("COMP:CRC?"),
-    query(C::CompensationName, "COMPensation:NAME", "Name of the machine.").example("COMP:NAME?"),
-    query(C::CompensationMatrix, "COMPensation:MATRix", "D^-1 and W^-1, row by row.").example("COMP:MATR?"),
+    query(C::CompensationCrc, "COMPensation:CRC", "CRC-32 of the calibration block.")
+        .errors(NO_CALIBRATION)
+        .example("COMP:CRC?"),
+    query(C::CompensationName, "COMPensation:NAME", "Name of the machine.")
+        .errors(NO_CALIBRATION)
+        .example("COMP:NAME?"),
+    query(C::CompensationMatrix, "COMPensation:MATRix", "D^-1 and W^-1, row by row.")
+        .errors(NO_CALIBRATION)
+        .example("COMP:MATR?"),
 ];

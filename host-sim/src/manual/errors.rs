@@ -1,0 +1,52 @@
+//! The list of errors.
+
+use stage_controller::error::ErrorNumber;
+use std::fmt::Write;
+
+/// When an error comes; none for a number that the manual does not know.
+fn when(number: ErrorNumber) -> Option<&'static str> {
+    use ErrorNumber::*;
+    Some(match number {
+        InvalidCharacter => "a byte that is not ASCII in a header",
+        SyntaxError => "`::`, a stray comma or parenthesis",
+        DataTypeError => "text where a number belongs, NaN, a word that is not in the list",
+        ParameterNotAllowed => "one parameter too many",
+        MissingParameter => "a parameter is missing",
+        UndefinedHeader => "no such command, or not in this form",
+        HeaderSuffixOutOfRange => "an axis that does not exist",
+        ExponentTooLarge => "an exponent beyond 32000",
+        InvalidSuffix => "a wrong unit",
+        InvalidStringData => "a string without its end",
+        InvalidBlockData => "a block that is too short, too long, or that pauses for two seconds",
+        InitIgnored => "kept for scans",
+        SettingsConflict => {
+            "a calibration block of another version or shape, a step rate above what the pulse timing allows, \
+             a pivot that is not defined, a step size while a calibration gives it, a move too slow to be planned"
+        }
+        DataOutOfRange => "a value or a move beyond a limit; the text names the axis and the value",
+        DataCorrupt => "the CRC of a calibration block is wrong",
+        SystemError => "an answer that is too long",
+        QueueOverflow => "more than 16 errors; the oldest are kept",
+        InputBufferOverrun => "a message longer than 512 bytes",
+        QueryInterrupted | QueryUnterminated | QueryDeadlocked => "kept for GPIB gateways",
+        NotHomed => "`POSE` or `AXIS<n>:MOVE` before the axes are homed",
+        Moving => "the command needs standstill",
+        NoCalibration => "a part of the compensation is switched on or asked for with no calibration loaded",
+        AxisDisabled => "a motor that the move would step is disabled",
+        PositionUncertain => "an immediate stop began above `VEL:STAR`: the count is exact, the motor may have slipped",
+        LimitSwitch | EmergencyStop | StepDeadline | SettingsLost | Clock | WatchdogRestart | DriverFault => {
+            "kept for the board"
+        }
+        _ => return None,
+    })
+}
+
+/// The table of errors.
+pub fn table() -> String {
+    let mut text = String::from("| Number | Text | When |\n|---|---|---|\n");
+    for number in ErrorNumber::ALL {
+        let when = when(*number).expect("every error is in the manual");
+        let _ = writeln!(text, "| {} | {} | {when} |", number.code(), number.description());
+    }
+    text
+}

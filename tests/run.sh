@@ -1,0 +1,210 @@
+#!/usr/bin/env bash
+# All tests, on a fresh Debian or Ubuntu with Rust.
+#
+#   tests/run.sh                 every stage
+#   tests/run.sh clients fuzz    some of them
+#
+# FUZZ_SECONDS: time for each fuzz target (60).
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+STAGES="fmt clippy doc no_std unit property golden words manual tree scripts readme clients fuzz bench"
+FUZZ_SECONDS=${FUZZ_SECONDS:-60}
+TARGET=${CARGO_TARGET_DIR:-$PWD/target}
+LOGS=$TARGET/test-logs
+VENV=$PWD/.venv
+SKIPPED=77
+
+# ---- what the stages need ----
+
+# Ends a stage with its reason.
+skip() {
+    echo "SKIPPED: $*"
+    exit $SKIPPED
+}
+
+# Installs a Debian package if we may.
+apt_install() {
+    local as_root=()
+    [ "$(id -u)" = 0 ] || as_root=(sudo -n)
+    "${as_root[@]}" true 2>/dev/null || return 1
+    "${as_root[@]}" apt-get install -y -q "$@" ||
+        { "${as_root[@]}" apt-get update -q && "${as_root[@]}" apt-get install -y -q "$@"; }
+}
+
+# A virtual environment with PyVISA and pytest.
+need_venv() {
+    command -v python3 >/dev/null || apt_install python3 || skip "install python3: apt-get install python3 python3-venv"
+    if [ ! -x "$VENV/bin/pip" ]; then
+        rm -rf "$VENV"
+        python3 -m venv "$VENV" || {
+            rm -rf "$VENV"
+            apt_install python3-venv && python3 -m venv "$VENV"
+        } || skip "install python3-venv: apt-get install python3-venv"
+    fi
+    "$VENV/bin/pip" install -q --disable-pip-version-check -r tests/clients/requirements.txt ||
+        skip "pip cannot install PyVISA (tests/clients/requirements.txt)"
+}
+
+host_sim() {
+    cargo build -q --release -p host-sim
+    export HOST_SIM=$TARGET/release/host-sim
+}
+
+# ---- the stages ----
+
+stage_fmt() { # Formatting
+    cargo fmt --all --check
+    cargo fmt --manifest-path fuzz/Cargo.toml --check
+}
+
+stage_clippy() { # Clippy without warnings
+    cargo clippy -q --all-targets -- -D warnings
+}
+
+stage_doc() { # Documentation without warnings
+    RUSTDOCFLAGS="-D warnings" cargo doc -q --no-deps
+}
+
+stage_no_std() { # The library builds with no operating system
+    local target
+    target=$(rustup target list --installed 2>/dev/null | grep -- '-none' | head -n 1 || true)
+    [ -n "$target" ] || skip "no bare-metal target: rustup target add thumbv7em-none-eabihf"
+    cargo build -q -p stage-controller --lib --target "$target"
+}
+
+stage_unit() { # All tests, debug build
+    cargo test --no-fail-fast
+}
+
+stage_property() { # All tests, release build: properties at full volume
+    cargo test --release --no-fail-fast
+}
+
+stage_golden() { # Golden vectors computed anew by an independent program
+    command -v python3 >/dev/null || skip "install python3"
+    python3 -c 'import tomllib' || skip "the golden vectors need Python 3.11 or later"
+    python3 tests/golden/make_golden.py --check tests/golden/*.json
+}
+
+stage_words() { # Debug and release builds play the same words
+    host_sim
+    cargo run -q -p host-sim -- trace -o "$LOGS/debug.vcd"
+    "$HOST_SIM" trace -o "$LOGS/release.vcd"
+    cmp "$LOGS/debug.vcd" "$LOGS/release.vcd"
+}
+
+stage_manual() { # docs/COMMANDS.md is what the command tree gives
+    host_sim
+    "$HOST_SIM" manual --check docs/COMMANDS.md
+}
+
+stage_tree() { # The command tree is JSON
+    command -v python3 >/dev/null || skip "install python3"
+    cargo run -q -p stage-controller >"$LOGS/tree.json"
+    python3 -m json.tool "$LOGS/tree.json" >/dev/null
+}
+
+stage_scripts() { # Scripts pass shellcheck
+    command -v shellcheck >/dev/null || apt_install shellcheck || skip "install shellcheck: apt-get install shellcheck"
+    shellcheck tests/run.sh .ci/run
+}
+
+stage_readme() { # What the README tells to type works
+    need_venv
+    host_sim
+    "$VENV/bin/python" tests/readme.py README.md
+}
+
+stage_clients() { # PyVISA over a socket and over a serial port
+    need_venv
+    host_sim
+    "$VENV/bin/pytest" -q -p no:cacheprovider tests/clients
+}
+
+stage_fuzz() { # Any bytes, any calibration block
+    cargo +nightly --version || skip "no nightly Rust: rustup toolchain install nightly"
+    cargo fuzz --version || cargo install cargo-fuzz --locked || skip "cargo-fuzz cannot be installed"
+    host_sim
+    local blocks=() machine target
+    for machine in host-sim/machines/*.toml; do
+        blocks+=("$LOGS/$(basename "$machine" .toml).cal")
+        "$HOST_SIM" calibrate "$machine" -o "${blocks[-1]}"
+    done
+    cargo run -q -p stage-controller >"$LOGS/tree.json"
+    python3 fuzz/seeds.py "$LOGS/tree.json" fuzz/corpus "${blocks[@]}"
+    export CARGO_TARGET_DIR=$TARGET/fuzz
+    for target in parser calibration_block; do
+        cargo +nightly fuzz run "$target" -- "-max_total_time=$FUZZ_SECONDS" -max_len=2048 -verbosity=0
+    done
+}
+
+stage_bench() { # Speed of the simulation
+    host_sim
+    "$HOST_SIM" bench
+}
+
+# ---- running them ----
+
+passed=0 failed=0 skipped=0
+
+# How many tests a log tells of: passed, failed, skipped. Nothing for a stage that is one test.
+count() {
+    awk '
+        /^test result: /                      { p += $4; f += $6; s += $8; any = 1 }
+        / (passed|failed|skipped|error).* in [0-9.]+s/ {
+            for (i = 2; i <= NF; i++) {
+                if ($i ~ /^passed/) p += $(i - 1)
+                if ($i ~ /^(failed|error)/) f += $(i - 1)
+                if ($i ~ /^skipped/) s += $(i - 1)
+            }
+            any = 1
+        }
+        END { if (any) print p + 0, f + 0, s + 0 }' "$1"
+}
+
+run() {
+    local name=$1 log=$LOGS/$1.log start=$SECONDS status=0 result=ok counts p f s title
+    title=$(sed -n "s/^stage_$name() { # //p" "$0")
+    printf '%-9s %-58s ' "$name" "$title"
+    # in the background, so that a failing command ends the stage (set -e does nothing below ||)
+    ( set -e; "stage_$name" ) >"$log" 2>&1 </dev/null &
+    wait $! || status=$?
+    counts=$(count "$log")
+    read -r p f s <<<"${counts:-0 0 0}"
+    case $status in
+        0) [ -n "$counts" ] || p=1 ;;
+        "$SKIPPED") p=0 f=0 s=1 result=SKIPPED ;;
+        *) result=FAILED
+           [ "$f" -gt 0 ] || f=1 ;;
+    esac
+    passed=$((passed + p)) failed=$((failed + f)) skipped=$((skipped + s))
+    printf '%-8s %4d s\n' "$result" $((SECONDS - start))
+    case $result in
+        SKIPPED) sed -n 's/^SKIPPED: /          /p' "$log" ;;
+        FAILED) tail -n 60 "$log" | sed 's/^/    /' ;;
+        *) [ "$s" -eq 0 ] || echo "          $s tests skipped, see $log"
+           [ "$name" != bench ] || sed 's/^/    /' "$log" ;;
+    esac
+}
+
+main() {
+    command -v cargo >/dev/null || { echo "install Rust first: https://rustup.rs"; exit 1; }
+    mkdir -p "$LOGS"
+    local name
+    for name in "$@"; do
+        case " $STAGES " in
+            *" $name "*) ;;
+            *) echo "no stage \"$name\"; there are: $STAGES"; exit 2 ;;
+        esac
+    done
+    # shellcheck disable=SC2086 # a list of words
+    [ $# -gt 0 ] || set -- $STAGES
+    for name in "$@"; do
+        run "$name"
+    done
+    echo "$passed passed, $failed failed, $skipped skipped"
+    [ "$failed" -eq 0 ]
+}
+
+main "$@"
