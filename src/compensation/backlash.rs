@@ -4,7 +4,8 @@
 //! compensated target s: m = s + o with o = 0 on the reference flank and b against it on the other one
 //! (ERROR-MODEL 7.5). It is judged on the motor's whole-step target, never on a logical axis, and never accumulates.
 //! The overlay changes along a jerk-limited curve of a fixed duration within what the planner keeps in reserve;
-//! a take-up that has begun is finished before the next one begins, and it begins only while something moves.
+//! a take-up that has begun is finished before the next one begins. It begins only while something moves, or where
+//! one ends during which the motor turned again.
 
 /// Side of the play on which the gear rests: the direction in which the motor moved last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -85,8 +86,9 @@ impl PlayConfig {
 struct TakeUp {
     from: i32,
     to: i32,
-    /// Segments since it began; 0 = none on its way.
+    /// Segments since it began.
     elapsed: u32,
+    /// A quarter of its duration; 0 = none on its way.
     quarter: u32,
 }
 
@@ -127,7 +129,7 @@ impl Play {
 
     /// True while a take-up is on its way.
     pub fn is_taking_up(&self) -> bool {
-        self.take_up.elapsed != 0
+        self.take_up.quarter != 0
     }
 
     /// True when a take-up would begin with the next move.
@@ -171,7 +173,7 @@ impl Play {
     #[inline(always)]
     pub fn advance(&mut self, target: i32, moving: bool, config: &PlayConfig) -> i64 {
         self.turn(target, config.dead_band);
-        if self.take_up.elapsed == 0 {
+        if self.take_up.quarter == 0 {
             let wanted = self.wanted(config);
             if !moving || self.overlay == wanted {
                 return i64::from(self.overlay) << 32;
@@ -179,14 +181,14 @@ impl Play {
             self.take_up =
                 TakeUp { from: self.overlay, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
         }
-        self.continue_take_up()
+        self.continue_take_up(config)
     }
 
     /// Four phases of constant jerk, each a quarter: sigma = 16/3 x^3, then 1/2 - 2 y + 16/3 y^3 with y = 1/2 - x,
     /// and the mirror image. Peaks for a width b and duration T: 2 b/T, 8 b/T^2, 32 b/T^3.
     #[cold]
     #[inline(never)]
-    fn continue_take_up(&mut self) -> i64 {
+    fn continue_take_up(&mut self, config: &PlayConfig) -> i64 {
         let TakeUp { from, to, quarter, .. } = self.take_up;
         self.take_up.elapsed += 1;
         let n = self.take_up.elapsed;
@@ -194,6 +196,11 @@ impl Play {
         if n >= duration {
             self.overlay = to;
             self.take_up = TakeUp::default();
+            // the motor turned again meanwhile: the next one follows at once, even if the move is over
+            let wanted = self.wanted(config);
+            if wanted != to {
+                self.take_up = TakeUp { from: to, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
+            }
             return i64::from(to) << 32;
         }
         let mirrored = n > 2 * quarter;

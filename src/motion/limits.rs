@@ -1,9 +1,10 @@
 //! What a motion may not exceed: soft limits of the logical axes, travel of the motors, enabled motors.
 
 use super::bounds::Bounds;
-use crate::compensation::law::Law;
+use crate::compensation::law::{Law, Remembered};
 use crate::error::{Detail, Error, ErrorNumber};
-use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT, Pose};
+use crate::settings::steps_to_units;
+use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT, FinePose, Pose};
 
 /// Limits of one axis and of its motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,5 +101,32 @@ impl Limits {
             }
         }
         Ok(())
+    }
+
+    /// How far an axis can go by itself from where all others come to rest: the soft limit, and less where a motor's
+    /// travel ends before.
+    pub fn farthest(&self, law: &Law, rest: FinePose, axis: Axis, upwards: bool) -> i32 {
+        let i = axis.index();
+        let (lower, upper) = self.range(law, axis);
+        let here = rest.rounded().0[i].clamp(lower, upper);
+        let far = if upwards { upper } else { lower };
+        let mut pose = rest;
+        let mut reaches = |x: i32| {
+            pose.0[i] = i64::from(x) << 32;
+            let motors = law.motors(&pose, &mut Remembered::default()).floor();
+            motors.0.iter().zip(&self.0).enumerate().all(|(m, (steps, own))| {
+                let at = steps_to_units(i64::from(*steps), law.step_q32(m));
+                !own.homed || (i64::from(own.travel_lower)..=i64::from(own.travel_upper)).contains(&at)
+            })
+        };
+        if reaches(far) || !reaches(here) {
+            return far;
+        }
+        let (mut good, mut bad) = (here, far);
+        while good.abs_diff(bad) > 1 {
+            let middle = good.midpoint(bad);
+            if reaches(middle) { good = middle } else { bad = middle }
+        }
+        good
     }
 }
