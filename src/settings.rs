@@ -172,7 +172,8 @@ impl AxisSettings {
     /// set before it may be farther to the next one than its width.
     pub fn play(&self, motor: &MotorData, switches: Switches, overlay: i32) -> PlayConfig {
         let width = self.backlash_steps(motor);
-        let farthest = width.max(overlay.saturating_abs()).max(overlay.saturating_add(width).saturating_abs());
+        let farthest =
+            width.max(overlay.saturating_abs()).max(overlay.saturating_add(width).saturating_abs());
         let follows = match (switches.compensation && switches.backlash, self.backlash.mode) {
             (false, _) | (_, BacklashMode::Off) => Overlay::Frozen,
             (true, BacklashMode::Reversal) => Overlay::Follow,

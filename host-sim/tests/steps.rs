@@ -47,7 +47,9 @@ fn storms_of_commands_keep_every_law() {
     let (mut segments, mut steps) = (0, 0);
     for (index, machine) in machines().into_iter().enumerate() {
         for (kind, interleaving) in
-            [Interleaving::Prompt, Interleaving::Jittered(1), Interleaving::Jittered(6)].into_iter().enumerate()
+            [Interleaving::Prompt, Interleaving::Jittered(1), Interleaving::Jittered(6)]
+                .into_iter()
+                .enumerate()
         {
             let begin = Instant::now();
             let mut stage = Stage::new(&machine, interleaving, 100 * index as u64 + kind as u64 + seed());
@@ -55,14 +57,15 @@ fn storms_of_commands_keep_every_law() {
             storm(&mut stage, weather);
             let used = stage.checker.trajectory.used().map(|u| 100.0 * u);
             println!(
-                "{} {interleaving:?}: {} segments, {} steps in {:.1} s; used at stride 32: v {:.1} a {:.1} j {:.1} %",
+                "{} {interleaving:?}: {} segments, {} steps in {:.1} s; used at stride 32: v {:.1} a {:.1} j {:.1} %; {} late",
                 machine.name,
                 stage.checker.segments,
                 stage.checker.steps,
                 begin.elapsed().as_secs_f64(),
                 used[0],
                 used[1],
-                used[2]
+                used[2],
+                stage.late
             );
             segments += stage.checker.segments;
             steps += stage.checker.steps;

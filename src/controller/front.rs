@@ -283,9 +283,7 @@ impl Front {
 
     /// True while orders are on their way that a further change must wait for.
     pub fn is_busy_at_the_border(&self) -> bool {
-        self.abort != Abort::None
-            || self.orders.len() > ORDERS - 2 * AXES
-            || self.planner.is_about_to_stop()
+        self.abort != Abort::None || self.orders.len() > ORDERS - 2 * AXES || self.planner.is_about_to_stop()
     }
 
     fn standstill(&self) -> Result<(), Error> {
@@ -317,6 +315,11 @@ impl Front {
     /// Where the axes are at last to stand.
     pub fn commanded(&self) -> Pose {
         self.planner.commanded()
+    }
+
+    /// TEMP
+    pub fn planner(&self) -> &Planner {
+        &self.planner
     }
 
     /// Motor counts really played, overlay included.
@@ -958,7 +961,8 @@ impl Front {
         let motors = self.motors();
         for (i, own) in self.settings.axes.iter().enumerate() {
             let motor = &motors[i];
-            self.capability.motors[i] = settings::motor_rates(motor).less(own.reserve(motor, self.report.overlay[i]));
+            self.capability.motors[i] =
+                settings::motor_rates(motor).less(own.reserve(motor, self.report.overlay[i]));
             self.capability.wanted[i] = own.wanted();
             self.capability.limits.0[i] = AxisLimits {
                 soft_lower: own.soft_lower,

@@ -133,8 +133,13 @@ impl Checker {
                 self.fail(|| format!("reported counts {:?}, edges {own:?}", report.counts.0));
             }
         }
-        if let Some((m, v)) =
-            self.timing.violations().iter().enumerate().find(|(_, v)| v.total() != 0).filter(|_| self.segments % 64 == 0)
+        if let Some((m, v)) = self
+            .timing
+            .violations()
+            .iter()
+            .enumerate()
+            .find(|(_, v)| v.total() != 0)
+            .filter(|_| self.segments % 64 == 0)
         {
             let v = *v;
             self.fail(|| format!("motor {m}: {v:?}"));

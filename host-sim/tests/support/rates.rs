@@ -20,33 +20,27 @@ pub struct Trajectory {
     filled: usize,
     resting: usize,
     /// Largest allowed differences in Q32 steps: motor, order, stride.
-    bounds: [[[i64; STRIDES.len()]; 3]; AXES],
+    bounds: Bounds,
     /// Largest ones seen.
-    largest: [[[i64; STRIDES.len()]; 3]; AXES],
+    largest: Bounds,
 }
 
 impl Trajectory {
     /// Limits of a machine, and the noise of a position of each motor in steps.
     pub fn new(machine: &Machine, noise: [f64; AXES]) -> Self {
-        let mut bounds = [[[0; STRIDES.len()]; 3]; AXES];
-        for ((motor, drive), noise) in bounds.iter_mut().zip(&machine.drives).zip(noise) {
-            let rates = [drive.velocity, drive.acceleration, drive.jerk];
-            for (n, (order, rate)) in motor.iter_mut().zip(rates).enumerate() {
-                let power = n as i32 + 1;
-                for (bound, k) in order.iter_mut().zip(STRIDES) {
-                    let limit = rate / drive.step * (SEGMENT * k as f64).powi(power);
-                    *bound = ((limit + noise * f64::from(1 << power)) * Q32) as i64;
-                }
-            }
-        }
         Trajectory {
             ring: [[0; KEEP]; AXES],
             at: 0,
             filled: 0,
             resting: 0,
-            bounds,
+            bounds: bounds(machine, noise),
             largest: [[[0; STRIDES.len()]; 3]; AXES],
         }
+    }
+
+    /// Another law has other noise.
+    pub fn set_noise(&mut self, machine: &Machine, noise: [f64; AXES]) {
+        self.bounds = bounds(machine, noise);
     }
 
     /// Forgets the past: after an abort, or when counts and law change.
@@ -87,10 +81,11 @@ impl Trajectory {
                 }
                 for (n, difference) in differences.into_iter().enumerate() {
                     let size = difference.abs();
-                    if size > self.largest[motor][n][index] {
-                        self.largest[motor][n][index] = size;
-                        let bound = self.bounds[motor][n][index];
-                        if size > bound {
+                    let largest = &mut self.largest[motor][n][index];
+                    *largest = (*largest).max(size);
+                    let bound = self.bounds[motor][n][index];
+                    if size > bound {
+                        {
                             found = Some(format!(
                                 "motor {motor}: difference of order {} over {k} segments is {:.6} steps, allowed {:.6} ({:.2} %)",
                                 n + 1,
@@ -115,6 +110,24 @@ impl Trajectory {
                 .fold(0.0, f64::max)
         })
     }
+}
+
+type Bounds = [[[i64; STRIDES.len()]; 3]; AXES];
+
+/// Largest allowed differences in Q32 steps.
+fn bounds(machine: &Machine, noise: [f64; AXES]) -> Bounds {
+    let mut bounds = [[[0; STRIDES.len()]; 3]; AXES];
+    for ((motor, drive), noise) in bounds.iter_mut().zip(&machine.drives).zip(noise) {
+        let rates = [drive.velocity, drive.acceleration, drive.jerk];
+        for (n, (order, rate)) in motor.iter_mut().zip(rates).enumerate() {
+            let power = n as i32 + 1;
+            for (bound, k) in order.iter_mut().zip(STRIDES) {
+                let limit = rate / drive.step * (SEGMENT * k as f64).powi(power);
+                *bound = ((limit + noise * f64::from(1 << power)) * Q32) as i64;
+            }
+        }
+    }
+    bounds
 }
 
 /// Step edges: in any window of N ticks at most v N + 1 net steps, for every N at once.

@@ -6,7 +6,7 @@ use host_sim::calibrate::calibrate;
 use host_sim::machine::Machine;
 use stage_controller::compensation::law::{Law, Remembered};
 use stage_controller::controller::front::Front;
-use stage_controller::error::Error;
+use stage_controller::error::{Error, ErrorNumber};
 use stage_controller::settings::Settings;
 use stage_controller::units::{AXES, Axis, FinePose, Pose};
 use std::collections::VecDeque;
@@ -22,19 +22,21 @@ pub fn block(machine: &Machine) -> Vec<u8> {
     block[..length].to_vec()
 }
 
-/// Rounding noise of the law's unrounded targets, in steps of each motor: the largest third difference along slow
-/// straight lines, on which the true one is nothing, over 8; doubled, since the largest may be missed.
+/// Rounding noise of the law's unrounded targets, in steps of each motor: the largest third difference along
+/// straight lines, on which the true one is nothing, over 8; times three, since few samples miss the largest.
 pub fn noise(machine: &Machine, law: &Law) -> [f64; AXES] {
     let mut largest = [0i64; AXES];
     let mut random = Seeded::new(5);
-    for _ in 0..200 {
+    for n in 0..104 {
         let range = |i: usize| machine.drives[i].travel[1].min(25e6) * 0.95;
         let mut pose = FinePose(std::array::from_fn(|i| {
             ((random.below(2 * range(i) as u64) as i64) - range(i) as i64) << 32
         }));
-        let by: [i64; AXES] = std::array::from_fn(|_| random.below(6 << 32) as i64 - (3 << 32));
+        // up to 8 um or urad a segment: the true third difference stays below 10^-7 nm
+        let most = 8_000u64 << 32 >> (n % 13);
+        let by: [i64; AXES] = std::array::from_fn(|_| random.below(2 * most) as i64 - most as i64);
         let mut last = [[0i64; AXES]; 3];
-        for n in 0..100 {
+        for n in 0..60 {
             for (u, by) in pose.0.iter_mut().zip(by) {
                 *u += by;
             }
@@ -48,7 +50,7 @@ pub fn noise(machine: &Machine, law: &Law) -> [f64; AXES] {
             last = [m, last[0], last[1]];
         }
     }
-    largest.map(|l| 2.0 * l as f64 / 8.0 / 4_294_967_296.0 + 1.0 / 65_536.0)
+    largest.map(|l| 3.0 * l as f64 / 8.0 / 4_294_967_296.0 + 1.0 / 65_536.0)
 }
 
 /// A board under watch.
@@ -58,6 +60,10 @@ pub struct Stage {
     pub random: Seeded,
     pub machine: Machine,
     pub expected: [Option<i32>; AXES],
+    /// Where it stood after the last change of law or counts.
+    stood: Pose,
+    /// Jogs that ended with an error.
+    pub late: u64,
     log: VecDeque<String>,
     name: String,
 }
@@ -86,6 +92,8 @@ impl Stage {
             random: Seeded::new(seed ^ 0x5eed),
             machine: machine.clone(),
             expected: [Some(0); AXES],
+            stood: Pose::default(),
+            late: 0,
             log: VecDeque::new(),
             name: format!("{} {interleaving:?} seed {seed}", machine.name),
         };
@@ -136,7 +144,12 @@ impl Stage {
             self.fail(&wrong);
         }
         if let Some(error) = self.board.front.take_late_error() {
-            self.fail(&format!("late error {error:?}"));
+            // only a jog is accepted without knowing all of its way
+            let jogs = self.log.iter().any(|l| l.contains(" jog "));
+            if !jogs || error.number != ErrorNumber::DataOutOfRange {
+                self.fail(&format!("late error {error:?}"));
+            }
+            self.late += 1;
         }
         if self.board.now() % 32 == 0 && !self.checker.jumps {
             self.check_soft_limits();
@@ -155,12 +168,17 @@ impl Stage {
             let i = axis.index();
             let own = &self.board.front.settings().axes[i];
             // half a step of this motor, and what half a step of the rotary ones does to it
-            let lever = if i < 3 { steps * self.board.front.law().lever_nm() as i64 / 500_000_000 } else { steps / 50 };
+            let lever = if i < 3 {
+                steps * self.board.front.law().lever_nm() as i64 / 500_000_000
+            } else {
+                steps / 50
+            };
             let room = self.machine.drives[i].step as i64 + 1 + lever;
             let at = i64::from(position.0[i]);
-            if own.soft_on
-                && (at < i64::from(own.soft_lower) - room || at > i64::from(own.soft_upper) + room)
-            {
+            // a change of law may have left it beyond, without a move
+            let lower = i64::from(own.soft_lower).min(self.stood.0[i].into());
+            let upper = i64::from(own.soft_upper).max(self.stood.0[i].into());
+            if own.soft_on && (at < lower - room || at > upper + room) {
                 self.fail(&format!("{axis:?} at {at} beyond {}..{}", own.soft_lower, own.soft_upper));
             }
         }
@@ -176,7 +194,13 @@ impl Stage {
                 break;
             }
             if self.board.now() - start > HANGS {
-                self.fail("hangs");
+                let f = &self.board.front;
+                self.fail(&format!(
+                    "hangs: {:?} {:?} pending\n{:#?}",
+                    f.commanded(),
+                    f.report(),
+                    f.planner()
+                ));
             }
         }
         self.check_rest();
@@ -196,6 +220,9 @@ impl Stage {
         }
         self.checker.anchor(self.board.front.motor_counts());
         let position = self.board.front.position();
+        self.stood = position;
+        let noise = noise(&self.machine, self.board.front.law());
+        self.checker.trajectory.set_noise(&self.machine, noise);
         self.expect(
             self.board.front.law().steps(position) == self.board.front.report().steps,
             "the forward map does not lead back",

@@ -12,6 +12,9 @@ use crate::motion::ramp;
 use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
 use crate::units::{AXES, Axis, Pose};
 
+/// A jog ends after this many segments (38 hours) at the latest: a profile is not made for more.
+const LONGEST_JOG: i64 = 1 << 30;
+
 impl Planner {
     /// Turns desires and goals into tracks that begin with `segment`; each is given to `order`, which answers the
     /// sequence number under which the generator was told, or none when the queue is full.
@@ -217,8 +220,8 @@ impl Planner {
             }
         };
         let origin = self.rest_without(i);
-        let end = (i64::from(x) << 32) - origin.0[i];
-        let goal = end; // Q32 nm is Q60 of the path unit, see there
+        // Q32 nm is Q60 of the path unit, see there
+        let goal = (i64::from(x) << 32) - origin.0[i];
         let mut direction = [0; AXES];
         direction[i] = 1 << (32 + SINGLE_AXIS_UNIT_BITS);
         let running = self.slots[i].active;
@@ -256,7 +259,9 @@ impl Planner {
                 let swing = if axis.is_rotary() { ((to - from) >> 32).unsigned_abs() + 1 } else { 0 };
                 match granted.filter(|new| agrees(state, new, (from, to))) {
                     Some(new) => joined(&new, &active.grant),
-                    None if self.can_keep(capability, i, segment, swing) => kept(granted, &active.grant, swing),
+                    None if self.can_keep(capability, i, segment, swing) => {
+                        kept(granted, &active.grant, swing)
+                    }
                     None => return Ok(()),
                 }
             }
@@ -264,10 +269,16 @@ impl Planner {
         // nm per segment in Q44 to path units in Q60
         let speed = ((u128::from(speed) << 16) >> SINGLE_AXIS_UNIT_BITS).clamp(1, 1 << 60) as i64;
         let limits = with_speed(&grant, speed, capability.override_percent);
+        let jog = matches!(self.desires[i], Desire::Jog { .. });
+        let goal = if jog {
+            let way = limits.velocity.saturating_mul(LONGEST_JOG);
+            goal.clamp(state.position.saturating_sub(way), state.position.saturating_add(way))
+        } else {
+            goal
+        };
         let profile = to_position(state, goal, limits).map_err(|_| unplannable())?;
         let mut track = Track { origin: [0; AXES], direction, end: [0; AXES], profile };
-        track.end[i] = end;
-        let jog = matches!(self.desires[i], Desire::Jog { .. });
+        track.end[i] = goal;
         let detour = running.map(|_| (from, to));
         let active = Active { track, start: segment, grant, speed, goal, detour, stopping: false, jog };
         if self.launch(i, active, Intent::Desire(self.desires[i]), segment, order) {

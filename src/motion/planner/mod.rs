@@ -196,6 +196,10 @@ impl Planner {
     /// A new goal of all axes, and where to go from there.
     pub fn go(&mut self, goal: Pose, then: Option<Pose>) {
         self.slots.iter_mut().for_each(Slot::supersede);
+        // also if the goal is taken back before it is planned: what it supersedes must not go on
+        for slot in &mut self.slots[..AXES] {
+            slot.stop = slot.latest().is_some();
+        }
         self.desires = [Desire::None; AXES];
         self.then = [None; AXES];
         self.goal = Some(goal);
@@ -321,7 +325,7 @@ impl Planner {
     /// # Errors
     /// -222 with the axis and the value, 108 with the disabled axis.
     pub fn check(&self, capability: &Capability, from: Pose, to: Pose) -> Result<DryRun, Error> {
-        capability.limits.check_pose(&capability.law, to)?;
+        capability.limits.check_move(&capability.law, from, to)?;
         let rest = from.fine();
         let mut direction = [0; AXES];
         for (d, (to, from)) in direction.iter_mut().zip(to.fine().0.iter().zip(&rest.0)) {

@@ -1,6 +1,7 @@
 //! What a new track may use of the motors beside those that run.
 
 use super::{Capability, Planner, SINGLE_SHARE_1024, WAIT_BELOW};
+use crate::compensation::law::Remembered;
 use crate::error::Error;
 use crate::motion::bounds::{Bounds, Path};
 use crate::motion::budget::{Grant, Rates, Turning};
@@ -42,7 +43,7 @@ impl Planner {
     pub(super) fn grant(&self, capability: &Capability, asking: &Asking<'_>) -> Result<Option<Grant>, Error> {
         let Capability { law, motors, wanted, limits, .. } = capability;
         let way = Bounds::along(law, asking.path, 0);
-        limits.check_motors(law, &way, &[0; AXES])?;
+        limits.check_motors(law, &way)?;
         if !self.is_clear(capability, asking, &way) {
             return Ok(None);
         }
@@ -97,22 +98,33 @@ impl Planner {
     /// False when the path, together with what the others have still to go, could leave a limit.
     fn is_clear(&self, capability: &Capability, asking: &Asking<'_>, way: &Bounds) -> bool {
         let Capability { law, limits, .. } = capability;
-        let mut reach = [0i64; AXES];
+        let mut way = *way;
         let mut low = [0i64; AXES];
         let mut high = [0i64; AXES];
         let mut any = false;
+        let rest = law.motors(&self.rest(), &mut Remembered::default()).0;
+        let swing = way.swing(asking.path);
         for (i, slot) in self.slots.iter().enumerate() {
             let Some(active) = slot.latest().filter(|_| i != asking.slot) else {
                 continue;
             };
             any = true;
             let (from, to) = slot.reach(asking.segment);
-            let farthest = u128::from(from.unsigned_abs().max(to.unsigned_abs()));
-            let velocity = u128::from(active.grant.limits.velocity.unsigned_abs().max(1));
-            for (reach, uses) in reach.iter_mut().zip(&active.grant.uses) {
-                // steps per segment (Q44) over path per segment, times path: Q44 steps
-                let steps = ((u128::from(uses.velocity) * farthest / velocity) >> 12) + 1;
-                *reach = reach.saturating_add(i64::try_from(steps).unwrap_or(i64::MAX));
+            let end = active.track.profile.end_position();
+            let path = Path {
+                origin: self.rest_without(i),
+                direction: active.track.direction,
+                from: end.saturating_add(from),
+                to: end.saturating_add(to),
+            };
+            let other = Bounds::along(law, &path, 0);
+            let angles = u128::from(swing) * u128::from(other.swing(&path));
+            for (m, rest) in rest.iter().enumerate() {
+                let crossed = (law_crossed(capability, m, angles << 40) >> 12) as i64;
+                let down = other.lowest[m].saturating_sub(*rest).min(0).saturating_sub(crossed);
+                let up = other.highest[m].saturating_sub(*rest).max(0).saturating_add(crossed);
+                way.lowest[m] = way.lowest[m].saturating_add(down);
+                way.highest[m] = way.highest[m].saturating_add(up);
             }
             for (a, d) in active.track.direction.iter().enumerate() {
                 let [one, other] = [from, to].map(|s| ((i128::from(*d) * i128::from(s)) >> 60) as i64);
@@ -138,7 +150,7 @@ impl Planner {
                 return false;
             }
         }
-        limits.check_motors(law, way, &reach).is_ok()
+        limits.check_motors(law, &way).is_ok()
     }
 
     /// A new track turns: what the others do is bent by so much more from now on.
