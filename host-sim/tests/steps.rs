@@ -45,7 +45,11 @@ fn machines() -> Vec<Machine> {
 #[test]
 fn storms_of_commands_keep_every_law() {
     let (mut segments, mut steps) = (0, 0);
+    let only: Option<usize> = std::env::var("STEPS_MACHINE").ok().and_then(|v| v.parse().ok());
     for (index, machine) in machines().into_iter().enumerate() {
+        if only.is_some_and(|only| only != index) {
+            continue;
+        }
         for (kind, interleaving) in
             [Interleaving::Prompt, Interleaving::Jittered(1), Interleaving::Jittered(6)]
                 .into_iter()
