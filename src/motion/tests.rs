@@ -1,9 +1,10 @@
 //! Properties of profiles over seeded random plans.
 extern crate std;
 
-use super::profile::{COEFFICIENT_BITS, Phase};
+use super::plan::{to_position, to_velocity};
+use super::profile::{COEFFICIENT_BITS, Phase, Profile, State};
+use super::ramp::Limits;
 use super::reference::Ideal;
-use super::*;
 use std::{eprintln, vec, vec::Vec};
 
 const ONE: f64 = (1u64 << 60) as f64;
