@@ -313,11 +313,6 @@ impl Front {
         self.planner.commanded()
     }
 
-    /// TEMP
-    pub fn planner(&self) -> &Planner {
-        &self.planner
-    }
-
     /// Motor counts really played, overlay included.
     pub fn motor_counts(&self) -> MotorSteps {
         self.report.counts
@@ -582,7 +577,7 @@ impl Front {
     pub fn abort(&mut self) {
         if self.abort == Abort::None && !self.planner.is_running() && self.report.settled {
             // nothing has begun: there is nothing to stop, only something to forget
-            self.planner.clear();
+            self.planner.forget();
             self.preload = None;
             self.jog_links = [None; AXES];
         } else if self.abort == Abort::None {

@@ -287,6 +287,13 @@ impl Planner {
         }
     }
 
+    /// Forgets what is still to be planned.
+    pub fn forget(&mut self) {
+        self.desires = [Desire::None; AXES];
+        self.then = [None; AXES];
+        (self.goal, self.then_goal) = (None, None);
+    }
+
     /// Forgets every track, desire and goal: the motors were stopped at once.
     pub fn clear(&mut self) {
         *self = Planner::at_rest(self.rest().rounded());
