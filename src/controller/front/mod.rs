@@ -83,19 +83,17 @@ pub struct Front {
     late_error: Option<Error>,
     /// The last order that takes effect at once, while unanswered: nothing is planned before it is.
     hold: Option<u16>,
-    /// Where the motors stand by an anchor that reports do not show yet.
+    /// Where the motors stand by an anchor that is not answered yet.
     anchor: Option<Anchored>,
     /// Settings were set back during an abort: what follows from them is still to be ordered.
     reset_due: bool,
 }
 
-/// Counts without overlay that were named at standstill.
+/// Counts without overlay that were named at standstill, and the order that says so.
 #[derive(Clone, Copy, Debug)]
 struct Anchored {
     steps: MotorSteps,
     sequence: u16,
-    /// The segment from which on reports show it, once the order is answered.
-    from: Option<u64>,
 }
 
 fn refuse(number: ErrorNumber) -> Error {
@@ -183,30 +181,20 @@ impl Front {
         }
         let answered = |sequence: u16| report.answered.wrapping_sub(sequence) < 0x8000;
         self.hold = self.hold.filter(|sequence| !answered(*sequence));
-        if let Some(mut anchor) = self.anchor {
-            if anchor.from.is_none() && answered(anchor.sequence) {
-                anchor.from = Some(report.next);
-            }
-            let shown = anchor.from.is_some_and(|from| report.played >= from);
-            self.anchor = if shown { None } else { Some(anchor) };
-            if !shown {
-                self.show_anchor(anchor);
-            }
-        }
+        self.anchor = self.anchor.filter(|anchor| !answered(anchor.sequence));
+        self.show_anchor();
         if self.planner.answer(report.answered, report.refused, report.next) {
             self.lead = (self.lead * 2).min(LEAD_MAX);
         }
     }
 
-    /// Lets the report say what an anchor says, until it does so by itself.
-    fn show_anchor(&mut self, anchor: Anchored) {
+    /// Lets the report say what an anchor says, until the generator has seen it.
+    pub(super) fn show_anchor(&mut self) {
+        let Some(anchor) = self.anchor else { return };
         let report = &mut self.report;
-        report.steps = anchor.steps;
+        (report.steps, report.final_steps) = (anchor.steps, anchor.steps);
         for (count, (steps, overlay)) in report.counts.0.iter_mut().zip(anchor.steps.0.iter().zip(&report.overlay)) {
             *count = steps.wrapping_add(*overlay);
-        }
-        if anchor.from.is_none() {
-            report.final_steps = anchor.steps;
         }
     }
 

@@ -16,9 +16,8 @@ impl Front {
         self.planner.rest_at(pose);
         // the queue was just cleared or has room: standstill comes first
         let _ = self.order(Action::Anchor { pose, steps });
-        let anchor = Anchored { steps, sequence: self.sequence, from: None };
-        self.anchor = Some(anchor);
-        self.show_anchor(anchor);
+        self.anchor = Some(Anchored { steps, sequence: self.sequence });
+        self.show_anchor();
     }
 
     /// Names the coordinate at which an axis stands: re-anchors the count of its motor alone.
