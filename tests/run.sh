@@ -69,7 +69,10 @@ stage_doc() { # Documentation without warnings
 stage_no_std() { # The library builds with no operating system
     local target
     target=$(rustup target list --installed 2>/dev/null | grep -- '-none' | head -n 1 || true)
-    [ -n "$target" ] || skip "no bare-metal target: rustup target add thumbv7em-none-eabihf"
+    if [ -z "$target" ]; then
+        cargo check -q -p stage-controller --lib
+        skip "no bare-metal target, checked for this machine only: rustup target add thumbv7em-none-eabihf"
+    fi
     cargo build -q -p stage-controller --lib --target "$target"
 }
 
@@ -84,7 +87,10 @@ stage_property() { # All tests, release build: properties at full volume
 stage_golden() { # Golden vectors computed anew by an independent program
     command -v python3 >/dev/null || skip "install python3"
     python3 -c 'import tomllib' || skip "the golden vectors need Python 3.11 or later"
-    python3 tests/golden/make_golden.py --check tests/golden/*.json
+    local files
+    # those of machines; the others are vectors of the arithmetic alone
+    mapfile -t files < <(grep -l '"machine": {' tests/golden/*.json)
+    python3 tests/golden/make_golden.py --check "${files[@]}"
 }
 
 stage_words() { # Debug and release builds play the same words
