@@ -141,7 +141,7 @@ stage_fuzz() { # Any bytes, any calibration block
     python3 fuzz/seeds.py "$LOGS/tree.json" fuzz/corpus "${blocks[@]}"
     export CARGO_TARGET_DIR=$TARGET/fuzz
     for target in parser calibration_block; do
-        cargo +nightly fuzz run "$target" -- "-max_total_time=$FUZZ_SECONDS" -max_len=2048 -verbosity=0
+        cargo +nightly fuzz run "$target" -- "-max_total_time=$FUZZ_SECONDS" -max_len=2048 -len_control=0 -verbosity=0
     done
 }
 
@@ -189,7 +189,7 @@ run() {
     case $result in
         SKIPPED) sed -n 's/^SKIPPED: /          /p' "$log" ;;
         FAILED) tail -n 60 "$log" | sed 's/^/    /' ;;
-        *) [ "$s" -eq 0 ] || echo "          $s tests skipped, see $log"
+        *) sed -n 's/^test \(.*\) \.\.\. ignored,* *\(.*\)/          skipped: \1 (\2)/p' "$log"
            [ "$name" != bench ] || sed 's/^/    /' "$log" ;;
     esac
 }
