@@ -159,19 +159,21 @@ impl AxisSettings {
         units_to_steps(i64::from(self.backlash.distance), motor.step_q32).clamp(0, 1 << 20) as i32
     }
 
-    /// Reserve of the motor for take-up: none where none can come.
-    pub fn reserve(&self, motor: &MotorData) -> Rates {
-        if self.backlash.mode == BacklashMode::Off || self.backlash.distance == 0 {
+    /// Reserve of the motor for take-up: none where none can come. `overlay`: in steps, as it is now.
+    pub fn reserve(&self, motor: &MotorData, overlay: i32) -> Rates {
+        if self.backlash.mode == BacklashMode::Off || (self.backlash.distance == 0 && overlay == 0) {
             return Rates::default();
         }
         let share = (u128::from(self.backlash.velocity) << 10).div_ceil(u128::from(motor.velocity.max(1)));
         motor_rates(motor).share(share.clamp(1, 1024 / u128::from(TAKE_UP_SHARE_MAX)) as u32)
     }
 
-    /// Configuration of the motor's play in the generator.
-    pub fn play(&self, motor: &MotorData, switches: Switches) -> PlayConfig {
+    /// Configuration of the motor's play in the generator. `overlay`: in steps, as it is now; from a play that was
+    /// set before it may be farther to the next one than its width.
+    pub fn play(&self, motor: &MotorData, switches: Switches, overlay: i32) -> PlayConfig {
         let width = self.backlash_steps(motor);
-        let overlay = match (switches.compensation && switches.backlash, self.backlash.mode) {
+        let farthest = width.max(overlay.saturating_abs()).max(overlay.saturating_add(width).saturating_abs());
+        let follows = match (switches.compensation && switches.backlash, self.backlash.mode) {
             (false, _) | (_, BacklashMode::Off) => Overlay::Frozen,
             (true, BacklashMode::Reversal) => Overlay::Follow,
             (true, BacklashMode::UniPositive) => Overlay::Fixed(Flank::Positive),
@@ -181,8 +183,8 @@ impl AxisSettings {
             width,
             dead_band: self.backlash.dead_band,
             reference: Flank::Positive,
-            quarter: take_up_quarter(width.unsigned_abs(), self.reserve(motor)),
-            overlay,
+            quarter: take_up_quarter(farthest.unsigned_abs(), self.reserve(motor, overlay)),
+            overlay: follows,
         }
     }
 

@@ -4,8 +4,8 @@
 //! compensated target s: m = s + o with o = 0 on the reference flank and b against it on the other one
 //! (ERROR-MODEL 7.5). It is judged on the motor's whole-step target, never on a logical axis, and never accumulates.
 //! The overlay changes along a jerk-limited curve of a fixed duration within what the planner keeps in reserve;
-//! a take-up that has begun is finished before the next one begins, and it begins only while something moves. When
-//! the motor has turned again meanwhile, the next one follows at once, though the move may have ended.
+//! a take-up that has begun is finished before the next one begins. It begins only while something moves, or where
+//! one ends during which the motor turned again.
 
 /// Side of the play on which the gear rests: the direction in which the motor moved last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -83,6 +83,7 @@ struct TakeUp {
     to: i32,
     /// Segments since it began.
     elapsed: u32,
+    /// A quarter of its duration; 0 = none on its way.
     quarter: u32,
 }
 
@@ -123,7 +124,7 @@ impl Play {
 
     /// True while a take-up is on its way.
     pub fn is_taking_up(&self) -> bool {
-        self.take_up.from != self.take_up.to
+        self.take_up.quarter != 0
     }
 
     /// True when a take-up would begin with the next move.
@@ -167,7 +168,7 @@ impl Play {
     #[inline(always)]
     pub fn advance(&mut self, target: i32, moving: bool, config: &PlayConfig) -> i64 {
         self.turn(target, config.dead_band);
-        if !self.is_taking_up() {
+        if self.take_up.quarter == 0 {
             let wanted = self.wanted(config);
             if !moving || self.overlay == wanted {
                 return i64::from(self.overlay) << 32;
@@ -188,9 +189,12 @@ impl Play {
         let duration = 4 * quarter;
         if n >= duration {
             self.overlay = to;
-            // turned again since it began: the next one belongs to the same move, even if that has ended
-            let next = self.wanted(config);
-            self.take_up = TakeUp { from: to, to: next, elapsed: 0, quarter: config.quarter.max(1) };
+            self.take_up = TakeUp::default();
+            // the motor turned again meanwhile: the next one follows at once, even if the move is over
+            let wanted = self.wanted(config);
+            if wanted != to {
+                self.take_up = TakeUp { from: to, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
+            }
             return i64::from(to) << 32;
         }
         let mirrored = n > 2 * quarter;

@@ -96,6 +96,21 @@ pub struct Front {
     jog_links: [Option<u8>; AXES],
     /// A motion that was accepted and turned out to break a limit.
     late_error: Option<Error>,
+    /// The last order that takes effect at once, while unanswered: nothing is planned before it is.
+    hold: Option<u16>,
+    /// Where the motors stand by an anchor that reports do not show yet.
+    anchor: Option<Anchored>,
+    /// Settings were set back during an abort: what follows from them is still to be ordered.
+    reset_due: bool,
+}
+
+/// Counts without overlay that were named at standstill.
+#[derive(Clone, Copy, Debug)]
+struct Anchored {
+    steps: MotorSteps,
+    sequence: u16,
+    /// The segment from which on reports show it, once the order is answered.
+    from: Option<u64>,
 }
 
 fn refuse(number: ErrorNumber) -> Error {
@@ -134,6 +149,9 @@ impl Front {
             preload: None,
             jog_links: [None; AXES],
             late_error: None,
+            hold: None,
+            anchor: None,
+            reset_due: false,
         };
         front.refresh();
         front
@@ -170,19 +188,52 @@ impl Front {
             self.abort = Abort::None;
             self.orders.clear();
             self.preload = None;
+            // what was ordered while it moved may be lost
+            let _ = self.refresh_plays();
             self.stand_at(report.final_steps);
+            if core::mem::take(&mut self.reset_due) {
+                let settings = self.settings;
+                let _ = self.set_pulses(&settings).and_then(|()| self.change_law());
+            }
+        }
+        let answered = |sequence: u16| report.answered.wrapping_sub(sequence) < 0x8000;
+        self.hold = self.hold.filter(|sequence| !answered(*sequence));
+        if let Some(mut anchor) = self.anchor {
+            if anchor.from.is_none() && answered(anchor.sequence) {
+                anchor.from = Some(report.next);
+            }
+            let shown = anchor.from.is_some_and(|from| report.played >= from);
+            self.anchor = if shown { None } else { Some(anchor) };
+            if !shown {
+                self.show_anchor(anchor);
+            }
         }
         if self.planner.answer(report.answered, report.refused, report.next) {
             self.lead = (self.lead * 2).min(LEAD_MAX);
         }
     }
 
+    /// Lets the report say what an anchor says, until it does so by itself.
+    fn show_anchor(&mut self, anchor: Anchored) {
+        let report = &mut self.report;
+        report.steps = anchor.steps;
+        for (count, (steps, overlay)) in report.counts.0.iter_mut().zip(anchor.steps.0.iter().zip(&report.overlay)) {
+            *count = steps.wrapping_add(*overlay);
+        }
+        if anchor.from.is_none() {
+            report.final_steps = anchor.steps;
+        }
+    }
+
     /// Plans what is to be planned. Call after every report and after every command.
     pub fn plan(&mut self) {
-        if self.abort != Abort::None {
+        if self.abort != Abort::None || self.hold.is_some() {
             return;
         }
         self.continue_preload();
+        if self.hold.is_some() {
+            return;
+        }
         let segment = self.report.next + self.lead;
         let (orders, sequence, aborts) = (&mut self.orders, &mut self.sequence, self.report.aborts);
         let result = self.planner.plan(&self.capability, segment, |proposal| {
@@ -193,8 +244,10 @@ impl Front {
         });
         if let Err(error) = result {
             self.late_error = Some(error);
+            self.preload = None;
         }
-        if !self.planner.is_moving() {
+        // not sooner: a track that ends within the lead counts as ended, and still runs in the generator
+        if !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence {
             self.lead = LEAD;
         }
     }
@@ -207,7 +260,9 @@ impl Front {
     fn order(&mut self, action: Action) -> Result<(), Error> {
         self.sequence = self.sequence.wrapping_add(1);
         let order = Order { sequence: self.sequence, segment: None, aborts: self.report.aborts, action };
-        self.orders.push_back(order).map_err(|_| Error::text(ErrorNumber::Moving, "orders still on their way"))
+        self.orders.push_back(order).map_err(|_| Error::text(ErrorNumber::Moving, "orders still on their way"))?;
+        self.hold = Some(self.sequence);
+        Ok(())
     }
 
     // ---- state ----
@@ -223,7 +278,7 @@ impl Front {
 
     /// True while orders are on their way that a further change must wait for.
     pub fn is_busy_at_the_border(&self) -> bool {
-        self.abort != Abort::None || self.orders.len() > ORDERS - 2 * AXES
+        self.abort != Abort::None || self.orders.len() > ORDERS - 2 * AXES || self.planner.is_about_to_stop()
     }
 
     /// True until everything that moves, or waits to move, has come to rest in the words played.
@@ -327,6 +382,11 @@ impl Front {
 
     // ---- motion ----
 
+    /// While an immediate stop is carried out, nobody knows yet from where a move would start.
+    fn not_aborting(&self) -> Result<(), Error> {
+        if self.abort == Abort::None { Ok(()) } else { Err(refuse(ErrorNumber::Moving)) }
+    }
+
     fn ready(&self, axis: Axis) -> Result<(), Error> {
         if self.uncertain[axis.index()] {
             return Err(Error::axis(ErrorNumber::PositionUncertain, axis));
@@ -355,6 +415,7 @@ impl Front {
     }
 
     fn move_axis(&mut self, axis: Axis, to: i64) -> Result<(), Error> {
+        self.not_aborting()?;
         self.capability.limits.check_coordinate(&self.capability.law, axis, to)?;
         let i = axis.index();
         let from = self.commanded();
@@ -401,6 +462,7 @@ impl Front {
     }
 
     fn go(&mut self, target: Pose) -> Result<(), Error> {
+        self.not_aborting()?;
         match self.legs(self.commanded(), target)? {
             Some(over) => self.planner.go(over, Some(target)),
             None => self.planner.go(target, None),
@@ -443,7 +505,8 @@ impl Front {
             let way = end.0[i].wrapping_sub(start.0[i]).wrapping_mul(sign);
             let clear = self.clearance(axis);
             let short = way < clear && self.flank(axis) != Some(flank);
-            if way < 0 || (way > 0 && short) {
+            // while it moves it may come from the other side, wherever it was to end
+            if way < 0 || (way > 0 && short) || self.planner.is_moving() {
                 end.0[i] = end.0[i].wrapping_sub(sign.wrapping_mul(clear));
                 needed = true;
             }
@@ -467,6 +530,7 @@ impl Front {
             self.stop(axis);
             return Ok(());
         }
+        self.not_aborting()?;
         if !self.enabled[i] {
             return Err(Error::axis(ErrorNumber::AxisDisabled, axis));
         }
@@ -478,8 +542,10 @@ impl Front {
                 detail: Detail::Limit { axis, value: velocity, bound, motor: true },
             });
         }
-        let limit = self.jog_limit(axis, velocity > 0);
-        let here = self.planner.rest().rounded().0[i];
+        let upwards = velocity > 0;
+        let rest = self.planner.rest();
+        let limit = self.capability.limits.farthest(&self.capability.law, rest, axis, upwards);
+        let here = rest.rounded().0[i];
         if (velocity > 0 && limit <= here || velocity < 0 && limit >= here) && !self.planner.is_moving() {
             return Err(Error {
                 number: ErrorNumber::DataOutOfRange,
@@ -490,35 +556,9 @@ impl Front {
             self.planner.stop_coordinated();
         }
         let speed = settings_speed(velocity.unsigned_abs());
-        self.planner.desire(axis, Desire::Jog { limit, speed });
+        self.planner.desire(axis, Desire::Jog { upwards, limit, speed });
         self.jog_links[i] = Some(link);
         Ok(())
-    }
-
-    /// How far a jog may go: the soft limit, and less where a motor's travel ends before.
-    fn jog_limit(&self, axis: Axis, upwards: bool) -> i32 {
-        let i = axis.index();
-        let (lower, upper) = self.capability.limits.range(&self.capability.law, axis);
-        let mut rest = self.planner.rest().rounded();
-        let here = rest.0[i].clamp(lower, upper);
-        let far = if upwards { upper } else { lower };
-        // a jog of an axis that is not homed has no limits but the arithmetic's
-        let mut reaches = |x: i32| {
-            rest.0[i] = x;
-            self.capability.law.steps(rest).0.iter().zip(&self.capability.limits.0).enumerate().all(|(m, (s, l))| {
-                let at = settings::steps_to_units(i64::from(*s), self.capability.law.step_q32(m));
-                !l.homed || (i64::from(l.travel_lower)..=i64::from(l.travel_upper)).contains(&at)
-            })
-        };
-        if reaches(far) || !reaches(here) {
-            return far;
-        }
-        let (mut good, mut bad) = (here, far);
-        while good.abs_diff(bad) > 1 {
-            let middle = good.midpoint(bad);
-            if reaches(middle) { good = middle } else { bad = middle }
-        }
-        good
     }
 
     /// Decelerates an axis, and every coordinated move that it belongs to.
@@ -535,7 +575,12 @@ impl Front {
 
     /// Stops all motors at once, at the word that plays now.
     pub fn abort(&mut self) {
-        if self.abort == Abort::None && self.is_moving() {
+        if self.abort == Abort::None && !self.planner.is_running() && self.report.settled {
+            // nothing has begun: there is nothing to stop, only something to forget
+            self.planner.forget();
+            self.preload = None;
+            self.jog_links = [None; AXES];
+        } else if self.abort == Abort::None {
             let segment = self.report.played;
             let speeds = self.planner.speeds(segment);
             for axis in Axis::ALL {
@@ -634,8 +679,9 @@ impl Front {
         self.planner.rest_at(pose);
         // the queue was just cleared or has room: standstill comes first
         let _ = self.order(Action::Anchor { pose, steps });
-        self.report.steps = steps;
-        self.report.final_steps = steps;
+        let anchor = Anchored { steps, sequence: self.sequence, from: None };
+        self.anchor = Some(anchor);
+        self.show_anchor(anchor);
     }
 
     /// Names the coordinate at which an axis stands: re-anchors the count of its motor alone.
@@ -905,6 +951,9 @@ impl Front {
         self.pivots = [None; PIVOTS];
         if self.abort == Abort::None {
             let _ = self.set_pulses(&fresh_pulses(&self.settings, &fresh)).and_then(|()| self.change_law());
+        } else {
+            self.settings = fresh_pulses(&self.settings, &fresh);
+            self.reset_due = true;
         }
     }
 
@@ -913,7 +962,7 @@ impl Front {
         let motors = self.motors();
         for (i, own) in self.settings.axes.iter().enumerate() {
             let motor = &motors[i];
-            self.capability.motors[i] = settings::motor_rates(motor).less(own.reserve(motor));
+            self.capability.motors[i] = settings::motor_rates(motor).less(own.reserve(motor, self.report.overlay[i]));
             self.capability.wanted[i] = own.wanted();
             self.capability.limits.0[i] = AxisLimits {
                 soft_lower: own.soft_lower,
@@ -933,7 +982,7 @@ impl Front {
         self.refresh();
         let motors = self.motors();
         for (i, motor) in motors.iter().enumerate() {
-            let config = self.settings.axes[i].play(motor, self.settings.switches);
+            let config = self.settings.axes[i].play(motor, self.settings.switches, self.report.overlay[i]);
             self.order(Action::Play { motor: i as u8, config })?;
         }
         Ok(())

@@ -221,6 +221,11 @@ impl Generator {
             self.motor.0[i] = self.target.0[i] + (i64::from(self.plays[i].overlay()) << 32);
             self.emitters[i].set_count((self.motor.0[i] >> 32) as i32);
         }
+        // what is still to be played is silence: reports and an abort in it speak of the new counts
+        let Generator { target, motor, emitters, plays, .. } = *self;
+        for start in &mut self.history {
+            *start = Start { segment: start.segment, target, motor, emitters, plays, moving: 0 };
+        }
     }
 
     /// The motors were stopped after `tick` words of `segment`: rolls back to what was played, at rest.

@@ -86,51 +86,81 @@ impl Bounds {
         let count = if product_q60(turning, path.to - path.from) > 1_000_000 { SAMPLES } else { 1 };
         let stretch = (path.to - path.from) / count;
         let mut remembered = Remembered::default();
-        let mut last = [0i64; AXES];
-        for k in 0..=count {
-            let s = if k == count { path.to } else { path.from + stretch * k };
+        let mut at = |s: i64| {
             let mut pose = path.origin;
             for (u, d) in pose.0.iter_mut().zip(&path.direction) {
                 *u = u.saturating_add(scale(*d, s));
             }
-            let motors = law.motors(&pose, &mut remembered).0;
+            law.motors(&pose, &mut remembered).0
+        };
+        let mut last = at(path.from);
+        (bounds.lowest, bounds.highest) = (last, last);
+        for k in 1..=count {
+            let motors = at(if k == count { path.to } else { path.from + stretch * k });
             for i in 0..AXES {
-                if k == 0 {
-                    bounds.lowest[i] = motors[i];
-                    bounds.highest[i] = motors[i];
-                } else {
-                    bounds.lowest[i] = bounds.lowest[i].min(motors[i]);
-                    bounds.highest[i] = bounds.highest[i].max(motors[i]);
-                    let way = u128::from(motors[i].abs_diff(last[i])) + 2;
-                    // Q32 steps over a stretch in Q60, to Q16 steps per path unit
-                    let slope = (way << 44) / u128::from(stretch.unsigned_abs().max(1));
-                    bounds.slope[i] = bounds.slope[i].max(u64::try_from(slope).unwrap_or(u64::MAX));
-                }
+                let way = motors[i].abs_diff(last[i]);
+                // where it does not turn back, its ends are its extremes
+                let between = bend_q32(bounds.curvature[i], stretch);
+                let bulge = if turns && way / 2 <= between { (between / 4 + 1) as i64 } else { 0 };
+                bounds.lowest[i] = bounds.lowest[i].min(motors[i].min(last[i]) - bulge);
+                bounds.highest[i] = bounds.highest[i].max(motors[i].max(last[i]) + bulge);
+                bounds.raise_slope(law, i, way, stretch, turns);
             }
             last = motors;
         }
+        if !turns {
+            // straight: one path unit gives the slope, the same for every stretch of it
+            bounds.slope = [0; AXES];
+            let (from, to) = (at(0), at(PATH_ONE));
+            for i in 0..AXES {
+                bounds.raise_slope(law, i, to[i].abs_diff(from[i]), PATH_ONE, false);
+            }
+        }
         for i in 0..AXES {
             let between = product_q60(bounds.curvature[i], stretch) / 2;
-            // way << 44 of two units in the last place alone is no motion
-            let noise = (2u128 << 44) / u128::from(stretch.unsigned_abs().max(1)) + 1;
-            if u128::from(bounds.slope[i]) <= noise && !turns {
-                bounds.slope[i] = 0;
-            }
             bounds.slope[i] = bounds.slope[i].saturating_add(between);
-            if turns && others != 0 && i < 3 {
+            if turns && others != 0 {
                 let step = law.step_q32(i);
-                bounds.slope[i] = bounds.slope[i].saturating_add(bent(lever, &[bounds.turning, others], step));
+                let more = if i < 3 {
+                    bent(lever, &[bounds.turning, others], step)
+                } else {
+                    bent(second_nm(second), &[bounds.turning, others], step)
+                };
+                bounds.slope[i] = bounds.slope[i].saturating_add(more);
             }
-            let bulge = (product_q60(bounds.curvature[i], stretch).min(1 << 40) as i128 * i128::from(stretch)) >> 63;
-            let bulge = (bulge << 16) as i64;
-            if (bounds.lowest[i] - bulge) >> 32 != (bounds.highest[i] + bulge) >> 32 {
+            if bounds.lowest[i] >> 32 != bounds.highest[i] >> 32 {
                 bounds.steps |= 1 << i;
             }
-            bounds.lowest[i] -= bulge;
-            bounds.highest[i] += bulge;
         }
         bounds
     }
+
+    /// Angle by which the path turns in whole, nrad.
+    pub fn swing(&self, path: &Path) -> u64 {
+        if self.turning == 0 { 0 } else { product_q60(self.turning, path.to - path.from) + 1 }
+    }
+
+    /// A motor goes `way` (Q32 steps) over a stretch of the path.
+    fn raise_slope(&mut self, law: &Law, i: usize, way: u64, stretch: i64, turns: bool) {
+        // the law's rounding: units in the last place where it is straight, a sixteenth nm or nrad where it turns
+        let noise = if turns { (1u128 << 60) / u128::from(law.step_q32(i).max(1)) } else { 2 };
+        if !turns && u128::from(way) <= noise {
+            return;
+        }
+        // Q32 steps over a stretch in Q60, to Q16 steps per path unit
+        let slope = ((u128::from(way) + noise) << 44) / u128::from(stretch.unsigned_abs().max(1)) + 1;
+        self.slope[i] = self.slope[i].max(u64::try_from(slope).unwrap_or(u64::MAX));
+    }
+}
+
+/// The second-order term (per radian, Q32) as a lever in nm: what it makes of two angles is in nrad.
+fn second_nm(second_q32: u64) -> u64 {
+    ((u128::from(second_q32) * 1_000_000_000) >> 32) as u64 + 1
+}
+
+/// Curvature (Q16) times half the square of a stretch (Q60): Q32 steps.
+fn bend_q32(curvature: u64, stretch: i64) -> u64 {
+    product_q60(product_q60(curvature, stretch), stretch).saturating_mul(1 << 15)
 }
 
 /// `value` times a path stretch in Q60.

@@ -59,6 +59,11 @@ impl Rates {
         }
     }
 
+    /// True when none of the other's is larger.
+    pub fn covers(&self, other: &Self) -> bool {
+        other.velocity <= self.velocity && other.acceleration <= self.acceleration && other.jerk <= self.jerk
+    }
+
     /// The larger of each.
     pub fn max(self, other: Self) -> Self {
         Rates {
@@ -104,6 +109,28 @@ pub struct Turning {
     pub velocity: u64,
     /// nrad per segment squared, Q20.
     pub acceleration: u64,
+    /// nrad per segment cubed, Q20.
+    pub jerk: u64,
+}
+
+impl Turning {
+    /// Both together.
+    pub fn plus(self, other: Self) -> Self {
+        Turning {
+            velocity: self.velocity.saturating_add(other.velocity),
+            acceleration: self.acceleration.saturating_add(other.acceleration),
+            jerk: self.jerk.saturating_add(other.jerk),
+        }
+    }
+
+    /// The larger of each.
+    pub fn max(self, other: Self) -> Self {
+        Turning {
+            velocity: self.velocity.max(other.velocity),
+            acceleration: self.acceleration.max(other.acceleration),
+            jerk: self.jerk.max(other.jerk),
+        }
+    }
 }
 
 /// What a track has been granted.
@@ -115,6 +142,10 @@ pub struct Grant {
     pub uses: [Rates; AXES],
     /// Its own angular rates.
     pub turning: Turning,
+    /// Angle by which it turns in whole, nrad.
+    pub swing: u64,
+    /// Angle by which others turn or have turned since, nrad: what that adds is in `uses`.
+    pub bent: u64,
 }
 
 /// value (Q16 per path unit) times rate (Q60): Q44, rounded up.
@@ -140,7 +171,7 @@ impl Grant {
         wanted: &[Rates; AXES],
         ways: &[u64; AXES],
         others: Turning,
-        lever_steps: impl Fn(usize, u128) -> u64,
+        crossed: impl Fn(usize, u128) -> u64,
     ) -> Self {
         let mut velocity = 1i64 << 60;
         for i in 0..AXES {
@@ -160,12 +191,12 @@ impl Grant {
         let square = ((u128::from(velocity.unsigned_abs()).pow(2)) >> 60) as i64;
         let cube = ((u128::from(velocity.unsigned_abs()) * u128::from(square.unsigned_abs())) >> 60) as i64;
         let turning_v = turning(bounds.turning, velocity);
-        // two rotations at once: 2 r w1 w2 of acceleration on every linear motor
+        // two rotations at once: 2 r w1 w2 of acceleration on every linear motor, less on rotary ones
         let crossed_a = |i: usize| {
-            if i >= 3 || others.velocity == 0 || turning_v == 0 {
+            if others.velocity == 0 || turning_v == 0 {
                 return 0;
             }
-            lever_steps(i, 2 * u128::from(turning_v) * u128::from(others.velocity))
+            crossed(i, 2 * u128::from(turning_v) * u128::from(others.velocity))
         };
         let mut acceleration = 1i64 << 60;
         for i in 0..AXES {
@@ -183,13 +214,13 @@ impl Grant {
         let acceleration = acceleration.max(1);
         let turning_a = turning(bounds.turning, acceleration);
         let crossed_j = |i: usize| {
-            if i >= 3 || others.velocity == 0 || turning_v == 0 {
+            if others.velocity == 0 || turning_v == 0 {
                 return 0;
             }
             let (v1, v2) = (u128::from(turning_v), u128::from(others.velocity));
             let (a1, a2) = (u128::from(turning_a), u128::from(others.acceleration));
             // 3 r (w1 a2 + a1 w2); the term 3 r w1 w2 (w1 + w2) is below a thousandth of it and covered by the quarter in `bent`
-            lever_steps(i, 3 * (v1 * a2 + a1 * v2))
+            crossed(i, 3 * (v1 * a2 + a1 * v2))
         };
         let mixed = ((u128::from(velocity.unsigned_abs()) * u128::from(acceleration.unsigned_abs())) >> 60) as i64;
         let bend_j = |i: usize| {
@@ -214,7 +245,9 @@ impl Grant {
         Grant {
             limits: Limits { velocity, acceleration, jerk },
             uses,
-            turning: Turning { velocity: turning_v, acceleration: turning_a },
+            turning: Turning { velocity: turning_v, acceleration: turning_a, jerk: turning(bounds.turning, jerk) },
+            swing: 0,
+            bent: 0,
         }
     }
 }

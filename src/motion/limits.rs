@@ -1,9 +1,10 @@
 //! What a motion may not exceed: soft limits of the logical axes, travel of the motors, enabled motors.
 
 use super::bounds::Bounds;
-use crate::compensation::law::Law;
+use crate::compensation::law::{Law, Remembered};
 use crate::error::{Detail, Error, ErrorNumber};
-use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT, Pose};
+use crate::settings::steps_to_units;
+use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT, FinePose, Pose};
 
 /// Limits of one axis and of its motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +24,26 @@ pub struct AxisLimits {
     /// The motor is enabled.
     pub enabled: bool,
 }
+
+impl AxisLimits {
+    /// Where the motor stands at a whole step and the end of the travel that it lies beyond, if it does.
+    fn leaves(&self, steps: i64, step_q32: u64) -> Option<(i64, i64)> {
+        let at = steps_to_units(steps, step_q32);
+        // the nearest whole step decides: half a step is what rounding adds
+        let half = (step_q32 >> 33) as i64 + 1;
+        let (lower, upper) = (i64::from(self.travel_lower), i64::from(self.travel_upper));
+        if at < lower - half {
+            Some((at, lower))
+        } else if at > upper + half {
+            Some((at, upper))
+        } else {
+            None
+        }
+    }
+}
+
+/// Points of a way that are looked at for the end of a motor's travel.
+const FARTHEST_SAMPLES: i64 = 32;
 
 /// The limits of all axes.
 #[derive(Clone, Copy, Debug)]
@@ -56,23 +77,25 @@ impl Limits {
         if own.soft_on && own.homed { (own.soft_lower.max(-hard), own.soft_upper.min(hard)) } else { (-hard, hard) }
     }
 
-    /// Checks a pose.
+    /// Checks the coordinates that a move changes: one that stays may lie beyond, after a change of law.
     ///
     /// # Errors
     /// -222 with the first axis beyond its limit.
-    pub fn check_pose(&self, law: &Law, pose: Pose) -> Result<(), Error> {
+    pub fn check_move(&self, law: &Law, from: Pose, to: Pose) -> Result<(), Error> {
         for axis in Axis::ALL {
-            self.check_coordinate(law, axis, i64::from(pose.0[axis.index()]))?;
+            let (from, to) = (from.0[axis.index()], to.0[axis.index()]);
+            if from != to {
+                self.check_coordinate(law, axis, i64::from(to))?;
+            }
         }
         Ok(())
     }
 
     /// Checks what the motors do along a path: travel of the homed ones, and that all that step are enabled.
-    /// `others`: how far other tracks may still take each motor either way, Q32 steps.
     ///
     /// # Errors
     /// -222 with the motor, its position and the end of its travel; 108 with the disabled axis.
-    pub fn check_motors(&self, law: &Law, bounds: &Bounds, others: &[i64; AXES]) -> Result<(), Error> {
+    pub fn check_motors(&self, law: &Law, bounds: &Bounds) -> Result<(), Error> {
         for axis in Axis::ALL {
             let i = axis.index();
             let own = &self.0[i];
@@ -82,18 +105,47 @@ impl Limits {
             if !own.homed {
                 continue;
             }
-            // the nearest whole step decides: half a step is what rounding adds
-            let position = |steps: i64| ((i128::from(steps >> 32) * i128::from(law.step_q32(i))) >> 32) as i64;
-            let half = (law.step_q32(i) >> 33) as i64 + 1;
-            let lowest = position(bounds.lowest[i].saturating_sub(others[i]));
-            let highest = position(bounds.highest[i].saturating_add(others[i]));
-            if lowest < i64::from(own.travel_lower) - half {
-                return Err(beyond(axis, lowest, i64::from(own.travel_lower), true));
-            }
-            if highest > i64::from(own.travel_upper) + half {
-                return Err(beyond(axis, highest, i64::from(own.travel_upper), true));
+            let (lowest, highest) = (bounds.lowest[i] >> 32, bounds.highest[i] >> 32);
+            if let Some((at, bound)) = own.leaves(lowest, law.step_q32(i)).or(own.leaves(highest, law.step_q32(i))) {
+                return Err(beyond(axis, at, bound, true));
             }
         }
         Ok(())
+    }
+
+    /// How far an axis can go by itself from where all others come to rest: the soft limit, and less where a motor's
+    /// travel ends before.
+    pub fn farthest(&self, law: &Law, rest: FinePose, axis: Axis, upwards: bool) -> i32 {
+        let i = axis.index();
+        let (lower, upper) = self.range(law, axis);
+        let here = rest.rounded().0[i].clamp(lower, upper);
+        let far = if upwards { upper } else { lower };
+        let mut pose = rest;
+        let mut reaches = |x: i32| {
+            pose.0[i] = i64::from(x) << 32;
+            let motors = law.motors(&pose, &mut Remembered::default()).floor();
+            motors
+                .0
+                .iter()
+                .zip(&self.0)
+                .enumerate()
+                .all(|(m, (steps, own))| !own.homed || own.leaves(i64::from(*steps), law.step_q32(m)).is_none())
+        };
+        // a rotation may take a motor out of its travel and back: the first end counts
+        let way = i64::from(far) - i64::from(here);
+        let at = |k: i64| (i64::from(here) + way * k / FARTHEST_SAMPLES) as i32;
+        let Some(first) = (0..=FARTHEST_SAMPLES).find(|k| !reaches(at(*k))) else {
+            return far;
+        };
+        if first == 0 {
+            return here;
+        }
+        let (here, far) = (at(first - 1), at(first));
+        let (mut good, mut bad) = (here, far);
+        while good.abs_diff(bad) > 1 {
+            let middle = good.midpoint(bad);
+            if reaches(middle) { good = middle } else { bad = middle }
+        }
+        good
     }
 }

@@ -1,0 +1,338 @@
+//! From desires and goals to tracks.
+
+use super::share::Asking;
+use super::slot::{Active, Flight, Intent};
+use super::{COORDINATED, Capability, Desire, Planner, Proposal, SLOTS, unplannable, with_speed};
+use crate::error::Error;
+use crate::motion::bounds::{PATH_ONE, Path};
+use crate::motion::budget::Grant;
+use crate::motion::plan::{to_position, to_velocity};
+use crate::motion::profile::State;
+use crate::motion::ramp;
+use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
+use crate::units::{AXES, Axis, Pose};
+
+/// A jog ends after this many segments (38 hours) at the latest: a profile is not made for more.
+const LONGEST_JOG: i64 = 1 << 30;
+
+impl Planner {
+    /// Turns desires and goals into tracks that begin with `segment`; each is given to `order`, which answers the
+    /// sequence number under which the generator was told, or none when the queue is full.
+    ///
+    /// # Errors
+    /// The first limit that a waiting goal or desire turned out to break; it is dropped, the others go on.
+    pub fn plan(
+        &mut self,
+        capability: &Capability,
+        segment: u64,
+        mut order: impl FnMut(Proposal) -> Option<u16>,
+    ) -> Result<(), Error> {
+        self.merge(segment);
+        for slot in 0..SLOTS {
+            self.plan_changes(capability, slot, segment, &mut order);
+        }
+        let mut refused = None;
+        if let Some(goal) = self.goal
+            && let Err(error) = self.plan_goal(capability, goal, segment, &mut order)
+        {
+            refused = Some((None, error));
+        }
+        for axis in Axis::ALL {
+            if let Err(error) = self.plan_desire(capability, axis, segment, &mut order) {
+                refused = refused.or(Some((Some(axis), error)));
+            }
+        }
+        let Some((axis, error)) = refused else {
+            return Ok(());
+        };
+        // What is in the way may be where another axis still stands: while any moves, it waits.
+        if self.is_running() {
+            return Ok(());
+        }
+        match axis {
+            None => (self.goal, self.then_goal) = (None, None),
+            Some(axis) => {
+                self.desires[axis.index()] = Desire::None;
+                self.then[axis.index()] = None;
+            }
+        }
+        Err(error)
+    }
+
+    /// Stops and changes of speed of a track that runs.
+    fn plan_changes(
+        &mut self,
+        capability: &Capability,
+        slot: usize,
+        segment: u64,
+        order: &mut impl FnMut(Proposal) -> Option<u16>,
+    ) {
+        let entry = &mut self.slots[slot];
+        if entry.flight.is_some() || !(entry.stop || entry.replan) {
+            return;
+        }
+        let Some(mut active) = entry.active else {
+            (entry.stop, entry.replan) = (false, false);
+            return;
+        };
+        let state = active.state(segment);
+        let limits = with_speed(&active.grant, active.speed, capability.override_percent);
+        let planned = if entry.stop {
+            to_velocity(state, 0, active.grant.limits)
+        } else {
+            to_position(state, active.goal, limits)
+        };
+        let stop = entry.stop;
+        let Ok(profile) = planned else {
+            // it goes on as planned, and ends there
+            (entry.stop, entry.replan) = (false, false);
+            return;
+        };
+        let remaining = active.end_segment().saturating_sub(segment);
+        if stop && u64::from(profile.duration()) >= remaining {
+            // it comes to rest as soon without
+            if let Some(active) = &mut entry.active {
+                active.stopping = true;
+            }
+            (entry.stop, entry.replan) = (false, false);
+            return;
+        }
+        active.track.profile = profile;
+        active.start = segment;
+        if stop {
+            active.track.end = active.track.at(profile.end_position());
+            active.stopping = true;
+        }
+        if self.launch(slot, active, Intent::Change, segment, order) {
+            let entry = &mut self.slots[slot];
+            (entry.stop, entry.replan) = (false, false);
+        }
+    }
+
+    /// Hands a track to the generator; false when its queue is full.
+    fn launch(
+        &mut self,
+        slot: usize,
+        active: Active,
+        intent: Intent,
+        segment: u64,
+        order: &mut impl FnMut(Proposal) -> Option<u16>,
+    ) -> bool {
+        match order(Proposal { slot: slot as u8, segment, track: active.track }) {
+            Some(sequence) => {
+                self.slots[slot].flight = Some(Flight { sequence, active, intent });
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn plan_goal(
+        &mut self,
+        capability: &Capability,
+        goal: Pose,
+        segment: u64,
+        order: &mut impl FnMut(Proposal) -> Option<u16>,
+    ) -> Result<(), Error> {
+        if self.slots.iter().any(|s| s.flight.is_some()) {
+            return Ok(());
+        }
+        // The same goal again: it is on its way.
+        if let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active.is_some_and(|a| !a.stopping))
+            && self.rest().rounded() == goal
+            && self.slots[..AXES].iter().all(|s| s.active.is_none())
+            && !self.slots[slot].stop
+        {
+            self.goal = None;
+            self.slots[slot].replan = true;
+            return Ok(());
+        }
+        let mut running = false;
+        for slot in &mut self.slots {
+            if slot.active.is_some_and(|a| !a.stopping) {
+                slot.stop = true;
+                running = true;
+            }
+        }
+        if running {
+            return Ok(());
+        }
+        let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active.is_none()) else {
+            return Ok(());
+        };
+        let rest = self.rest();
+        let target = goal.fine();
+        let mut direction = [0; AXES];
+        for (d, (to, from)) in direction.iter_mut().zip(target.0.iter().zip(&rest.0)) {
+            *d = to - from;
+        }
+        if direction == [0; AXES] {
+            self.goal = self.then_goal.take();
+            return Ok(());
+        }
+        let path = Path { origin: rest, direction, from: 0, to: PATH_ONE };
+        let asking = Asking { path: &path, region: &path, slot: SLOTS, segment, single: false };
+        let Some(grant) = self.grant(capability, &asking)? else {
+            return Ok(());
+        };
+        let limits = with_speed(&grant, PATH_ONE, capability.override_percent);
+        let profile = to_position(State::rest(0), PATH_ONE, limits).map_err(|_| unplannable())?;
+        let track = Track { origin: [0; AXES], direction, end: direction, profile };
+        let active = Active {
+            track,
+            start: segment,
+            grant,
+            speed: PATH_ONE,
+            goal: PATH_ONE,
+            detour: None,
+            stopping: false,
+            jog: false,
+        };
+        if self.launch(slot, active, Intent::Goal(goal), segment, order) {
+            self.bend_others(capability, slot, grant.swing);
+            self.goal = None;
+        }
+        Ok(())
+    }
+
+    fn plan_desire(
+        &mut self,
+        capability: &Capability,
+        axis: Axis,
+        segment: u64,
+        order: &mut impl FnMut(Proposal) -> Option<u16>,
+    ) -> Result<(), Error> {
+        let i = axis.index();
+        if self.desires[i] == Desire::None {
+            return Ok(());
+        }
+        let coordinated = self.slots[COORDINATED..].iter().any(|s| s.flight.is_some());
+        if self.slots[i].flight.is_some() || coordinated || self.slots[i].stop {
+            return Ok(());
+        }
+        let (x, then, speed) = match self.desires[i] {
+            Desire::None => return Ok(()),
+            Desire::Position(x, then) => (x, then, u64::MAX),
+            Desire::Jog { upwards, speed, .. } => {
+                let limit = capability.limits.farthest(&capability.law, self.rest(), axis, upwards);
+                self.desires[i] = Desire::Jog { upwards, limit, speed };
+                (limit, None, speed)
+            }
+        };
+        let origin = self.rest_without(i);
+        // Q32 nm is Q60 of the path unit, see there
+        let goal = (i64::from(x) << 32) - origin.0[i];
+        let mut direction = [0; AXES];
+        direction[i] = 1 << (32 + SINGLE_AXIS_UNIT_BITS);
+        let running = self.slots[i].active;
+        let state = running.map_or(State::rest(0), |a| a.state(segment));
+        if running.is_none() && goal == 0 {
+            self.desires[i] = then.map_or(Desire::None, |x| Desire::Position(x, None));
+            return Ok(());
+        }
+        // where it would come to rest by itself counts too: it may overshoot the new target and return
+        let stop = match &running {
+            Some(active) => stop_end(state, active.grant.limits)?,
+            None => state.position,
+        };
+        let low = 0.min(goal).min(state.position).min(stop);
+        let high = 0.max(goal).max(state.position).max(stop);
+        let (from, to) = match &running {
+            Some(_) => (goal.min(state.position).min(stop), goal.max(state.position).max(stop)),
+            None => (low, high),
+        };
+        let path = Path { origin, direction, from, to };
+        // an axis that turns is granted the same wherever it goes, so that a new target never asks for less speed
+        let region = if axis.is_rotary() {
+            let (lower, upper) = capability.limits.range(&capability.law, axis);
+            let at = |x: i32| (i64::from(x) << 32) - origin.0[i];
+            Path { from: path.from.min(at(lower)), to: path.to.max(at(upper)), ..path }
+        } else {
+            path
+        };
+        let asking = Asking { path: &path, region: &region, slot: i, segment, single: true };
+        let granted = self.grant(capability, &asking)?;
+        let grant = match (&running, granted) {
+            (None, None) => return Ok(()),
+            (None, Some(grant)) => grant,
+            (Some(active), granted) => {
+                let swing = if axis.is_rotary() { ((to - from) >> 32).unsigned_abs() + 1 } else { 0 };
+                match granted.filter(|new| agrees(state, new, (from, to))) {
+                    Some(new) => joined(&new, &active.grant),
+                    None if self.can_keep(capability, i, segment, swing) => kept(granted, &active.grant, swing),
+                    None => return Ok(()),
+                }
+            }
+        };
+        // nm per segment in Q44 to path units in Q60
+        let speed = ((u128::from(speed) << 16) >> SINGLE_AXIS_UNIT_BITS).clamp(1, 1 << 60) as i64;
+        let limits = with_speed(&grant, speed, capability.override_percent);
+        let jog = matches!(self.desires[i], Desire::Jog { .. });
+        let goal = if jog {
+            let way = limits.velocity.saturating_mul(LONGEST_JOG);
+            goal.clamp(state.position.saturating_sub(way), state.position.saturating_add(way))
+        } else {
+            goal
+        };
+        let profile = to_position(state, goal, limits).map_err(|_| unplannable())?;
+        let mut track = Track { origin: [0; AXES], direction, end: [0; AXES], profile };
+        track.end[i] = goal;
+        let detour = running.map(|_| (from, to));
+        let active = Active { track, start: segment, grant, speed, goal, detour, stopping: false, jog };
+        if self.launch(i, active, Intent::Desire(self.desires[i]), segment, order) {
+            self.bend_others(capability, i, grant.swing);
+            self.desires[i] = Desire::None;
+            self.then[i] = then;
+            self.slots[i].replan = false;
+        }
+        Ok(())
+    }
+
+    /// Whether a running track may go on with what it was granted when it turns by `swing` nrad more.
+    fn can_keep(&self, capability: &Capability, slot: usize, segment: u64, swing: u64) -> bool {
+        let Some(active) = self.slots[slot].active else {
+            return false;
+        };
+        let left = self.left(capability, slot, segment, swing).motors;
+        left.iter().zip(&active.grant.uses).all(|(left, uses)| left.covers(uses))
+    }
+}
+
+/// Where a stop from a state ends.
+fn stop_end(state: State, limits: ramp::Limits) -> Result<i64, Error> {
+    to_velocity(state, 0, limits).map(|p| p.end_position()).map_err(|_| unplannable())
+}
+
+/// Whether a state lies within new limits, so that a profile from it never leaves them nor the stretch.
+fn agrees(state: State, new: &Grant, (from, to): (i64, i64)) -> bool {
+    let (v, a) = (state.velocity >> 30, state.acceleration >> 30);
+    let limits = new.limits;
+    let (v_most, a_most, j) = (i128::from(limits.velocity), i128::from(limits.acceleration), i128::from(limits.jerk));
+    // the velocity that is reached while the acceleration falls to zero
+    let forced = v + a * a.abs() / (2 * j);
+    v.abs() < v_most
+        && a.abs() < a_most
+        && forced.abs() < v_most
+        && stop_end(state, limits).is_ok_and(|end| (from..=to).contains(&end))
+}
+
+/// A new grant beside the old one, which stays reserved: the new track may be refused.
+fn joined(new: &Grant, old: &Grant) -> Grant {
+    let mut grant = *new;
+    for (new, old) in grant.uses.iter_mut().zip(&old.uses) {
+        *new = new.max(*old);
+    }
+    grant.turning = new.turning.max(old.turning);
+    grant.bent = old.bent;
+    grant
+}
+
+/// The old grant, which holds for every target of the axis; slower if the new one would be.
+fn kept(new: Option<Grant>, old: &Grant, swing: u64) -> Grant {
+    let mut grant = *old;
+    if let Some(new) = new {
+        grant.limits.velocity = grant.limits.velocity.min(new.limits.velocity);
+    }
+    grant.swing = swing;
+    grant
+}

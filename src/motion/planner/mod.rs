@@ -1,0 +1,385 @@
+//! The planner: which tracks run, where they end, and what each may use.
+//!
+//! # Design
+//! Six single-axis slots and two for coordinated moves. A command leaves a *desire* (of an axis) or a *goal* (of all
+//! axes); [`Planner::plan`] turns them into tracks, each for a segment that is not generated yet. A track that is
+//! still unanswered is *in flight*: nothing that depends on it is planned before its answer, and a refused one is
+//! planned again from the state at a later segment. Everything is absolute: a rest pose is the base plus the exact
+//! ends of the tracks.
+//!
+//! A new target on the line of a running single-axis track is re-planned from its state; a goal off the line lets
+//! what runs decelerate along itself and adds a new track from the common rest pose, within what is left of the
+//! motors' limits; with too little left it waits.
+
+mod launch;
+mod share;
+mod slot;
+
+use super::bounds::{PATH_ONE, Path};
+use super::budget::{Grant, Rates};
+use super::limits::Limits;
+use super::plan::to_position;
+use super::profile::{Profile, State};
+use super::track::Track;
+use crate::compensation::law::Law;
+use crate::error::{Error, ErrorNumber};
+use crate::units::{AXES, Axis, FinePose, Pose};
+use share::Asking;
+use slot::{Intent, Slot};
+
+/// Slots of coordinated tracks: the running one and one that decelerates.
+const COORDINATED: usize = AXES;
+/// All slots.
+pub const SLOTS: usize = AXES + 2;
+/// A new track waits while others leave it less than this part of its speed.
+const WAIT_BELOW: i64 = 16;
+/// Of what is left of a motor a single-axis track takes at most 15/16, so that axes coupled to it can still move.
+const SINGLE_SHARE_1024: u32 = 960;
+
+/// What an axis is to do.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Desire {
+    /// Nothing new.
+    #[default]
+    None,
+    /// Go to a logical coordinate, nm or nrad; then, if there is one, to a second one.
+    Position(i32, Option<i32>),
+    /// Constant velocity towards the limit of that side; the speed in nm or nrad per segment, Q44.
+    Jog {
+        /// In the positive direction.
+        upwards: bool,
+        /// Where it would end, as far as known.
+        limit: i32,
+        /// Speed.
+        speed: u64,
+    },
+}
+
+/// What the motors and axes may do; changed only at standstill, but for the wanted rates.
+#[derive(Clone, Copy, Debug)]
+pub struct Capability {
+    /// The law.
+    pub law: Law,
+    /// Limits of the motors without the reserve for take-up, steps per segment^k.
+    pub motors: [Rates; AXES],
+    /// Wanted rates of the logical axes, nm and nrad per segment^k.
+    pub wanted: [Rates; AXES],
+    /// Limits of positions.
+    pub limits: Limits,
+    /// Speed override in percent, 1 to 100.
+    pub override_percent: u8,
+}
+
+/// A track that the generator is to run.
+#[derive(Clone, Copy, Debug)]
+pub struct Proposal {
+    /// Which slot.
+    pub slot: u8,
+    /// With which segment it begins.
+    pub segment: u64,
+    /// The track.
+    pub track: Track,
+}
+
+/// Duration and peak rates of a move that is only looked at.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DryRun {
+    /// Segments from start to rest.
+    pub segments: u64,
+    /// Peak step rates, steps per segment in Q44.
+    pub step_rates: [u64; AXES],
+}
+
+/// Which tracks run, where they end, and what each may use.
+#[derive(Clone, Copy, Debug)]
+pub struct Planner {
+    base: FinePose,
+    slots: [Slot; SLOTS],
+    desires: [Desire; AXES],
+    goal: Option<Pose>,
+    then_goal: Option<Pose>,
+    then: [Option<i32>; AXES],
+}
+
+impl Planner {
+    /// At rest at a pose.
+    pub fn at_rest(pose: Pose) -> Self {
+        Planner {
+            base: pose.fine(),
+            slots: [Slot::default(); SLOTS],
+            desires: [Desire::None; AXES],
+            goal: None,
+            then_goal: None,
+            then: [None; AXES],
+        }
+    }
+
+    /// True while a track runs or one is still to be planned.
+    pub fn is_moving(&self) -> bool {
+        self.goal.is_some()
+            || self.then_goal.is_some()
+            || self.then.iter().any(Option::is_some)
+            || self.desires.iter().any(|d| *d != Desire::None)
+            || self.slots.iter().any(|s| s.active.is_some() || s.flight.is_some())
+    }
+
+    /// Bit n: axis n has a track or waits for one.
+    pub fn moving_axes(&self) -> u8 {
+        let mut mask = if self.goal.is_some() || self.then_goal.is_some() { 0x3f } else { 0 };
+        for (i, slot) in self.slots.iter().enumerate() {
+            if let Some(active) = slot.latest() {
+                mask |= active.track.axes();
+            }
+            if i < AXES && (self.desires[i] != Desire::None || self.then[i].is_some()) {
+                mask |= 1 << i;
+            }
+        }
+        mask
+    }
+
+    /// Where everything ends that runs now, without goals and desires that are still to be planned.
+    pub fn rest(&self) -> FinePose {
+        self.rest_without(SLOTS)
+    }
+
+    fn rest_without(&self, except: usize) -> FinePose {
+        let mut rest = self.base;
+        for (i, slot) in self.slots.iter().enumerate() {
+            if let Some(active) = slot.latest().filter(|_| i != except) {
+                for (u, end) in rest.0.iter_mut().zip(&active.track.end) {
+                    *u += end;
+                }
+            }
+        }
+        rest
+    }
+
+    /// The commanded pose: where the axes are at last to stand.
+    pub fn commanded(&self) -> Pose {
+        let mut pose = self.rest().rounded();
+        if let Some(goal) = self.then_goal.or(self.goal) {
+            pose = goal;
+        }
+        for (i, desire) in self.desires.iter().enumerate() {
+            match (desire, self.then[i]) {
+                (Desire::Position(x, then), _) => pose.0[i] = then.unwrap_or(*x),
+                (Desire::Jog { limit, .. }, _) => pose.0[i] = *limit,
+                (Desire::None, Some(x)) => pose.0[i] = x,
+                (Desire::None, None) => {}
+            }
+        }
+        pose
+    }
+
+    /// True when a coordinated move of this axis runs or waits: then a single axis cannot leave it alone.
+    pub fn is_coordinated(&self, axis: Axis) -> bool {
+        let runs = |slot: &Slot| slot.latest().is_some_and(|a| !a.stopping && a.track.axes() >> axis.index() & 1 != 0);
+        self.goal.is_some() || self.then_goal.is_some() || self.slots[COORDINATED..].iter().any(runs)
+    }
+
+    /// True while the axis jogs.
+    pub fn is_jogging(&self, axis: Axis) -> bool {
+        matches!(self.desires[axis.index()], Desire::Jog { .. })
+            || self.slots[axis.index()].latest().is_some_and(|a| a.jog && !a.stopping)
+    }
+
+    /// A new desire of one axis.
+    pub fn desire(&mut self, axis: Axis, desire: Desire) {
+        self.slots[axis.index()].stop = false;
+        self.slots[axis.index()].supersede();
+        self.then[axis.index()] = None;
+        self.desires[axis.index()] = desire;
+    }
+
+    /// A new goal of all axes, and where to go from there.
+    pub fn go(&mut self, goal: Pose, then: Option<Pose>) {
+        self.slots.iter_mut().for_each(Slot::supersede);
+        // also if the goal is taken back before it is planned: what it supersedes must not go on
+        for slot in &mut self.slots[..AXES] {
+            slot.stop = slot.latest().is_some();
+        }
+        self.desires = [Desire::None; AXES];
+        self.then = [None; AXES];
+        self.goal = Some(goal);
+        self.then_goal = then;
+    }
+
+    /// Decelerates an axis, and with it every coordinated move that it belongs to.
+    pub fn stop(&mut self, axis: Axis) {
+        let i = axis.index();
+        self.desires[i] = Desire::None;
+        self.then[i] = None;
+        self.slots[i].stop = self.slots[i].latest().is_some();
+        self.slots[i].supersede();
+        if self.is_coordinated(axis) {
+            self.stop_coordinated();
+        }
+    }
+
+    /// Decelerates every coordinated move.
+    pub fn stop_coordinated(&mut self) {
+        self.goal = None;
+        self.then_goal = None;
+        for slot in &mut self.slots[COORDINATED..] {
+            slot.stop = slot.latest().is_some();
+            slot.supersede();
+        }
+    }
+
+    /// True while a stop is still to be planned: until then where it ends is not known.
+    pub fn is_about_to_stop(&self) -> bool {
+        self.slots.iter().any(|s| s.stop && s.latest().is_some())
+    }
+
+    /// True while a track runs or is on its way.
+    pub fn is_running(&self) -> bool {
+        self.slots.iter().any(|s| s.latest().is_some())
+    }
+
+    /// The wanted speed has changed: what runs is planned again.
+    pub fn replan_all(&mut self) {
+        for slot in &mut self.slots {
+            slot.replan = slot.latest().is_some_and(|a| !a.stopping);
+        }
+    }
+
+    /// The answers of the generator: `answered` is the last order that it has seen, bit k of `refused` says that
+    /// order `answered - k` was refused. What has ended before `segment` goes into the base.
+    ///
+    /// True when one was refused.
+    pub fn answer(&mut self, answered: u16, refused: u32, segment: u64) -> bool {
+        let mut any_refused = false;
+        for i in 0..SLOTS {
+            let Some(flight) = self.slots[i].flight else { continue };
+            let age = answered.wrapping_sub(flight.sequence);
+            if age >= 0x8000 {
+                continue;
+            }
+            self.slots[i].flight = None;
+            if age < 32 && refused >> age & 1 == 0 {
+                self.slots[i].active = Some(flight.active);
+            } else {
+                any_refused = true;
+                self.want_again(i, flight.intent, flight.active.stopping);
+            }
+        }
+        self.merge(segment);
+        any_refused
+    }
+
+    /// A refused track is planned again from the state at a later segment.
+    fn want_again(&mut self, i: usize, intent: Intent, stopping: bool) {
+        let slot = &mut self.slots[i];
+        match intent {
+            _ if slot.active.is_none() && slot.stop => slot.stop = false,
+            Intent::Change => {
+                slot.stop |= stopping;
+                slot.replan |= !stopping;
+            }
+            // it comes to rest where it was to before
+            _ if slot.stop => {}
+            Intent::Desire(desire) if i < AXES => {
+                self.desires[i] = desire;
+                self.then[i] = None;
+            }
+            Intent::Goal(goal) => self.goal = Some(goal),
+            Intent::None | Intent::Desire(_) => {}
+        }
+    }
+
+    /// Forgets what is still to be planned.
+    pub fn forget(&mut self) {
+        self.desires = [Desire::None; AXES];
+        self.then = [None; AXES];
+        (self.goal, self.then_goal) = (None, None);
+    }
+
+    /// Forgets every track, desire and goal: the motors were stopped at once.
+    pub fn clear(&mut self) {
+        *self = Planner::at_rest(self.rest().rounded());
+    }
+
+    /// Stands at a pose.
+    pub fn rest_at(&mut self, pose: Pose) {
+        *self = Planner::at_rest(pose);
+    }
+
+    /// Merges tracks that have ended by the start of `segment` into the base.
+    fn merge(&mut self, segment: u64) {
+        for (i, slot) in self.slots.iter_mut().enumerate() {
+            let Some(active) = slot.active.filter(|a| slot.flight.is_none() && a.end_segment() <= segment) else {
+                continue;
+            };
+            for (u, end) in self.base.0.iter_mut().zip(&active.track.end) {
+                *u += end;
+            }
+            *slot = Slot::default();
+            if i < AXES {
+                if let (Some(x), Desire::None) = (self.then[i].take(), self.desires[i]) {
+                    self.desires[i] = Desire::Position(x, None);
+                }
+            } else if self.goal.is_none() && !active.stopping {
+                self.goal = self.then_goal.take();
+            }
+        }
+    }
+
+    /// Checks a move of one or all axes before it is accepted, from where everything comes to rest.
+    ///
+    /// # Errors
+    /// -222 with the axis and the value, 108 with the disabled axis.
+    pub fn check(&self, capability: &Capability, from: Pose, to: Pose) -> Result<DryRun, Error> {
+        capability.limits.check_move(&capability.law, from, to)?;
+        let rest = from.fine();
+        let mut direction = [0; AXES];
+        for (d, (to, from)) in direction.iter_mut().zip(to.fine().0.iter().zip(&rest.0)) {
+            *d = to - from;
+        }
+        if direction == [0; AXES] {
+            return Ok(DryRun::default());
+        }
+        let path = Path { origin: rest, direction, from: 0, to: PATH_ONE };
+        let asking = Asking { path: &path, region: &path, slot: SLOTS, segment: 0, single: false };
+        let Some(grant) = Planner::at_rest(from).grant(capability, &asking)? else {
+            return Err(unplannable());
+        };
+        let limits = with_speed(&grant, PATH_ONE, capability.override_percent);
+        let profile = to_position(State::rest(0), PATH_ONE, limits).map_err(|_| unplannable())?;
+        let peak = peak_velocity(&profile);
+        let granted = u128::from(grant.limits.velocity.unsigned_abs().max(1));
+        let rate = |uses: Rates| (u128::from(uses.velocity) * peak / granted) as u64;
+        Ok(DryRun { segments: u64::from(profile.duration()), step_rates: grant.uses.map(rate) })
+    }
+
+    /// Largest speed of each axis in segment `segment`, nm or nrad per segment in Q32.
+    pub fn speeds(&self, segment: u64) -> [u64; AXES] {
+        let mut speeds = [0u64; AXES];
+        for active in self.slots.iter().filter_map(|s| s.active) {
+            let elapsed = segment.saturating_sub(active.start).min(u64::from(u32::MAX - 1)) as u32;
+            let (a, b) = (active.track.contribution(elapsed, &mut 0), active.track.contribution(elapsed + 1, &mut 0));
+            for (speed, (a, b)) in speeds.iter_mut().zip(a.iter().zip(&b)) {
+                *speed += a.abs_diff(*b);
+            }
+        }
+        speeds
+    }
+}
+
+/// Largest velocity of a profile from rest, path units per segment in Q60, from its samples.
+fn peak_velocity(profile: &Profile) -> u128 {
+    // the peak of a move from rest lies in its cruise, hence at half its duration
+    let state = profile.state(profile.duration() / 2);
+    state.velocity.unsigned_abs() >> 30
+}
+
+fn unplannable() -> Error {
+    Error::text(ErrorNumber::SettingsConflict, "no profile within these rates")
+}
+
+/// The granted limits with a speed wish and the override on the velocity.
+fn with_speed(grant: &Grant, speed: i64, percent: u8) -> super::ramp::Limits {
+    let mut limits = grant.limits;
+    let fast = limits.velocity.min(speed);
+    limits.velocity = (fast / 100 * i64::from(percent.clamp(1, 100))).max(1);
+    limits
+}

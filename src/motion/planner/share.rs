@@ -1,0 +1,195 @@
+//! What a new track may use of the motors beside those that run.
+
+use super::{Capability, Planner, SINGLE_SHARE_1024, WAIT_BELOW};
+use crate::compensation::law::Remembered;
+use crate::error::Error;
+use crate::motion::bounds::{Bounds, Path};
+use crate::motion::budget::{Grant, Rates, Turning};
+use crate::units::{AXES, Axis};
+
+/// Angle beyond which a turn bends nothing further, nrad: the lever itself is the most it can add.
+const ONE_RADIAN: u64 = 1_000_000_000;
+
+/// A path that asks for its share.
+#[derive(Clone, Copy)]
+pub(super) struct Asking<'a> {
+    /// The way that it will go.
+    pub path: &'a Path,
+    /// Where its slopes are looked for: the way, or more.
+    pub region: &'a Path,
+    /// Its slot.
+    pub slot: usize,
+    /// The segment at which it begins.
+    pub segment: u64,
+    /// It leaves a little to the others.
+    pub single: bool,
+}
+
+/// What the running tracks leave.
+pub(super) struct Left {
+    /// Of each motor.
+    pub motors: [Rates; AXES],
+    /// Angular rates of the others.
+    pub others: Turning,
+    /// Angle that the others may still turn, nrad.
+    pub remaining: u64,
+}
+
+impl Planner {
+    /// What a path may use, or none while the others leave it too little or stand in its way.
+    ///
+    /// # Errors
+    /// A limit that the path breaks by itself.
+    pub(super) fn grant(&self, capability: &Capability, asking: &Asking<'_>) -> Result<Option<Grant>, Error> {
+        let Capability { law, motors, wanted, limits, .. } = capability;
+        let way = Bounds::along(law, asking.path, 0);
+        limits.check_motors(law, &way)?;
+        if !self.is_clear(capability, asking, &way) {
+            return Ok(None);
+        }
+        let swing = way.swing(asking.path);
+        let left = self.left(capability, asking.slot, asking.segment, swing);
+        let bounds = Bounds::along(law, asking.region, left.remaining);
+        let mut ways = [0; AXES];
+        for (way, d) in ways.iter_mut().zip(&asking.path.direction) {
+            *way = (d.unsigned_abs() >> 16) + u64::from(*d != 0);
+        }
+        let crossed = |i: usize, nrad2_q40: u128| law_crossed(capability, i, nrad2_q40);
+        let share = if asking.single { SINGLE_SHARE_1024 } else { 1024 };
+        let available = left.motors.map(|m| m.share(share));
+        let mut grant = Grant::within(&bounds, &available, wanted, &ways, left.others, crossed);
+        grant.swing = swing;
+        if self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
+            let alone = motors.map(|m| m.share(share));
+            let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), crossed);
+            let (a, b) = (grant.limits, best.limits);
+            let enough = |have: i64, want: i64| have >= want / WAIT_BELOW && have > 1;
+            if !(enough(a.velocity, b.velocity) && enough(a.acceleration, b.acceleration) && enough(a.jerk, b.jerk)) {
+                return Ok(None);
+            }
+        }
+        Ok(Some(grant))
+    }
+
+    /// What the others leave to a track that turns by `swing` nrad and thereby bends what they do.
+    pub(super) fn left(&self, capability: &Capability, own: usize, segment: u64, swing: u64) -> Left {
+        let mut left = Left { motors: capability.motors, others: Turning::default(), remaining: 0 };
+        for (i, slot) in self.slots.iter().enumerate() {
+            let Some(active) = slot.latest().filter(|_| i != own) else {
+                continue;
+            };
+            let bend = bend(capability, active.grant.turning, swing.min(ONE_RADIAN - active.grant.bent));
+            for (m, left) in left.motors.iter_mut().enumerate() {
+                *left = left.less(active.grant.uses[m]).less(bend[m]);
+            }
+            left.others = left.others.plus(active.grant.turning);
+            let (low, high) = slot.reach(segment);
+            let angle: u64 = active.track.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + 1).sum::<u64>();
+            let way = low.unsigned_abs().max(high.unsigned_abs());
+            left.remaining += ((u128::from(angle) * u128::from(way)) >> 60) as u64;
+        }
+        left
+    }
+
+    /// False when the path, together with what the others have still to go, could leave a limit.
+    fn is_clear(&self, capability: &Capability, asking: &Asking<'_>, way: &Bounds) -> bool {
+        let Capability { law, limits, .. } = capability;
+        let mut way = *way;
+        let mut low = [0i64; AXES];
+        let mut high = [0i64; AXES];
+        let mut any = false;
+        let rest = law.motors(&self.rest(), &mut Remembered::default()).0;
+        let swing = way.swing(asking.path);
+        for (i, slot) in self.slots.iter().enumerate() {
+            let Some(active) = slot.latest().filter(|_| i != asking.slot) else {
+                continue;
+            };
+            any = true;
+            let (from, to) = slot.reach(asking.segment);
+            let end = active.track.profile.end_position();
+            let path = Path {
+                origin: self.rest_without(i),
+                direction: active.track.direction,
+                from: end.saturating_add(from),
+                to: end.saturating_add(to),
+            };
+            let other = Bounds::along(law, &path, 0);
+            let angles = u128::from(swing) * u128::from(other.swing(&path));
+            for (m, rest) in rest.iter().enumerate() {
+                let crossed = (law_crossed(capability, m, angles << 40) >> 12) as i64;
+                let down = other.lowest[m].saturating_sub(*rest).min(0).saturating_sub(crossed);
+                let up = other.highest[m].saturating_sub(*rest).max(0).saturating_add(crossed);
+                way.lowest[m] = way.lowest[m].saturating_add(down);
+                way.highest[m] = way.highest[m].saturating_add(up);
+            }
+            for (a, d) in active.track.direction.iter().enumerate() {
+                let [one, other] = [from, to].map(|s| ((i128::from(*d) * i128::from(s)) >> 60) as i64);
+                low[a] = low[a].saturating_add(one.min(other));
+                high[a] = high[a].saturating_add(one.max(other));
+            }
+        }
+        if !any {
+            return true;
+        }
+        for axis in Axis::ALL {
+            let i = axis.index();
+            let (lower, upper) = limits.range(law, axis);
+            let own = [asking.path.from, asking.path.to].map(|s| {
+                asking.path.origin.0[i]
+                    .saturating_add(((i128::from(asking.path.direction[i]) * i128::from(s)) >> 60) as i64)
+            });
+            let shared = low[i] != high[i] && asking.path.direction[i] != 0;
+            if shared
+                && (own[0].min(own[1]).saturating_add(low[i]) < i64::from(lower) << 32
+                    || own[0].max(own[1]).saturating_add(high[i]) > i64::from(upper) << 32)
+            {
+                return false;
+            }
+        }
+        limits.check_motors(law, &way).is_ok()
+    }
+
+    /// A new track turns: what the others do is bent by so much more from now on.
+    pub(super) fn bend_others(&mut self, capability: &Capability, own: usize, swing: u64) {
+        for (i, slot) in self.slots.iter_mut().enumerate() {
+            let flight = slot.flight.as_mut().map(|f| &mut f.active);
+            for active in [slot.active.as_mut(), flight].into_iter().flatten().filter(|_| i != own) {
+                let more = swing.min(ONE_RADIAN - active.grant.bent);
+                active.grant.bent += more;
+                let bend = bend(capability, active.grant.turning, more);
+                for (uses, bend) in active.grant.uses.iter_mut().zip(&bend) {
+                    *uses = uses.plus(*bend);
+                }
+            }
+        }
+    }
+}
+
+/// Steps (Q44) of motor `i` by the product of two angles (nrad^2 in Q40): the lever for linear motors, the
+/// second-order term for rotary ones; a quarter added.
+fn law_crossed(capability: &Capability, i: usize, nrad2_q40: u128) -> u64 {
+    let law = &capability.law;
+    let nano = nrad2_q40 / 1_000_000_000;
+    let units = if i < 3 {
+        nano * u128::from(law.lever_nm()) / 1_000_000_000
+    } else {
+        (nano * u128::from(law.second_order_bound())) >> 32
+    };
+    let steps = ((units + 1) << 36) / u128::from(law.step_q32(i).max(1)) * 5 / 4 + 1;
+    u64::try_from(steps).unwrap_or(u64::MAX >> 2)
+}
+
+/// How much more of each motor a turning track needs once another one has turned by `angle` nrad.
+fn bend(capability: &Capability, turning: Turning, angle: u64) -> [Rates; AXES] {
+    let mut rates = [Rates::default(); AXES];
+    if angle == 0 || turning.velocity == 0 {
+        return rates;
+    }
+    let angle = u128::from(angle) << 20;
+    for (i, rates) in rates.iter_mut().enumerate() {
+        let by = |rate: u64| law_crossed(capability, i, angle * u128::from(rate));
+        *rates =
+            Rates { velocity: by(turning.velocity), acceleration: by(turning.acceleration), jerk: by(turning.jerk) };
+    }
+    rates
+}

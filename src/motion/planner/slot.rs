@@ -1,0 +1,98 @@
+//! What runs in a slot, and what is on its way to run there.
+
+use super::Desire;
+use crate::motion::budget::Grant;
+use crate::motion::profile::State;
+use crate::motion::track::Track;
+use crate::units::Pose;
+
+/// A track that runs, with what it was granted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Active {
+    pub track: Track,
+    pub start: u64,
+    pub grant: Grant,
+    /// Speed limit asked for by a jog, path units per segment in Q60; the granted one otherwise.
+    pub speed: i64,
+    /// Path position at which it is to end.
+    pub goal: i64,
+    /// Lowest and highest path position on the way, when it does not run straight to its end.
+    pub detour: Option<(i64, i64)>,
+    pub stopping: bool,
+    pub jog: bool,
+}
+
+impl Active {
+    pub fn end_segment(&self) -> u64 {
+        self.start + u64::from(self.track.profile.duration())
+    }
+
+    pub fn state(&self, segment: u64) -> State {
+        self.track.profile.state(segment.saturating_sub(self.start).min(u64::from(u32::MAX)) as u32)
+    }
+
+    /// Lowest and highest path position from a segment on.
+    fn extent(&self, segment: u64) -> (i64, i64) {
+        let (at, end) = (self.state(segment).position, self.track.profile.end_position());
+        let (low, high) = self.detour.unwrap_or((at, at));
+        (low.min(at).min(end), high.max(at).max(end))
+    }
+}
+
+/// What a track on its way is for: wanted again if the generator refuses it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) enum Intent {
+    /// Superseded meanwhile.
+    #[default]
+    None,
+    /// A stop or another speed.
+    Change,
+    /// A desire of the slot's axis.
+    Desire(Desire),
+    /// A goal of all axes.
+    Goal(Pose),
+}
+
+/// A track that was ordered and not yet answered.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Flight {
+    pub sequence: u16,
+    pub active: Active,
+    pub intent: Intent,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Slot {
+    pub active: Option<Active>,
+    pub flight: Option<Flight>,
+    pub stop: bool,
+    pub replan: bool,
+}
+
+impl Slot {
+    /// What will run once the answer is there, as far as known.
+    pub fn latest(&self) -> Option<&Active> {
+        self.flight.as_ref().map(|f| &f.active).or(self.active.as_ref())
+    }
+
+    /// What is on its way is no longer wanted for itself.
+    pub fn supersede(&mut self) {
+        if let Some(flight) = &mut self.flight {
+            flight.intent = Intent::None;
+        }
+    }
+
+    /// Lowest and highest path position from a segment on, relative to where it is to end; whether or not what is
+    /// on its way is refused.
+    pub fn reach(&self, segment: u64) -> (i64, i64) {
+        let Some(latest) = self.latest() else { return (0, 0) };
+        let end = latest.track.profile.end_position();
+        let both = [self.active.as_ref(), self.flight.as_ref().map(|f| &f.active)];
+        let mut reach = (0, 0);
+        for active in both.into_iter().flatten() {
+            let (low, high) = active.extent(segment);
+            reach = (reach.0.min(low.saturating_sub(end)), reach.1.max(high.saturating_sub(end)));
+        }
+        reach
+    }
+}
