@@ -169,6 +169,11 @@ count() {
         END { if (any) print p + 0, f + 0, s + 0 }' "$1"
 }
 
+# What a log says of a failure: each panic of a Rust test with its reason, or else its end.
+complaints() {
+    grep -A 4 ' panicked at ' "$1" | grep -v 'stack backtrace' || tail -n 60 "$1"
+}
+
 run() {
     local name=$1 log=$LOGS/$1.log start=$SECONDS status=0 result=ok counts p f s title
     title=$(sed -n "s/^stage_$name() { # //p" "$0")
@@ -188,7 +193,8 @@ run() {
     printf '%-8s %4d s\n' "$result" $((SECONDS - start))
     case $result in
         SKIPPED) sed -n 's/^SKIPPED: /          /p' "$log" ;;
-        FAILED) tail -n 60 "$log" | sed 's/^/    /' ;;
+        FAILED) complaints "$log" | sed 's/^/    /'
+                echo "    all of it: $log" ;;
         *) sed -n 's/^test \(.*\) \.\.\. ignored,* *\(.*\)/          skipped: \1 (\2)/p' "$log"
            [ "$name" != bench ] || sed 's/^/    /' "$log" ;;
     esac

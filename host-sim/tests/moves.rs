@@ -58,10 +58,7 @@ fn a_refused_command_moves_nothing() {
     both(|mut stage| {
         let start = stage.board.front.motor_counts();
         let front = &mut stage.board.front;
-        assert_eq!(
-            number(front.pose_absolute([0, 0, 0, 0, 0, 52_359_879])),
-            Some(ErrorNumber::DataOutOfRange)
-        );
+        assert_eq!(number(front.pose_absolute([0, 0, 0, 0, 0, 52_359_879])), Some(ErrorNumber::DataOutOfRange));
         assert_eq!(number(front.move_absolute(Axis::X, 5_000_001)), Some(ErrorNumber::DataOutOfRange));
         assert_eq!(number(front.jog(Axis::X, 4_000_001, 0)), Some(ErrorNumber::DataOutOfRange));
         front.set_enabled(Axis::Y, false).unwrap();
@@ -181,8 +178,7 @@ fn the_speed_override_takes_effect_while_moving() {
         stage.board.front.set_override(percent);
         at + stage.settle()
     };
-    let (full, slowed, raised, slow) =
-        (time(700, 100, 100), time(700, 20, 100), time(700, 100, 20), time(700, 20, 20));
+    let (full, slowed, raised, slow) = (time(700, 100, 100), time(700, 20, 100), time(700, 100, 20), time(700, 20, 20));
     assert!(full < raised && raised < slowed && slowed < slow, "{full} {raised} {slowed} {slow}");
 }
 

@@ -52,9 +52,7 @@ fn storms_of_commands_keep_every_law() {
 
 #[test]
 fn slow_drivers_get_their_times() {
-    for (index, times) in
-        [[2, 1, 3, 2], [3, 4, 12, 7], [5, 5, 5, 30], [10, 10, 100, 100]].into_iter().enumerate()
-    {
+    for (index, times) in [[2, 1, 3, 2], [3, 4, 12, 7], [5, 5, 5, 30], [10, 10, 100, 100]].into_iter().enumerate() {
         let begin = Instant::now();
         let machine = quicker(Machine::paper(), 0.7, 5.0, 20.0);
         let mut stage = Stage::with(&machine, Jittered(3), index as u64 + seed(), times, |_| ());
@@ -106,11 +104,7 @@ fn ten_thousand_moves_over_the_whole_travel_lose_nothing() {
 fn a_million_small_moves_lose_nothing() {
     let begin = Instant::now();
     let mut stage = Stage::new(&fast(), Prompt, 12 + seed());
-    stage
-        .board
-        .front
-        .pose_absolute([1_234_567, -765_432, 1_111_111, 7_654_321, -3_456_789, 12_345_678])
-        .unwrap();
+    stage.board.front.pose_absolute([1_234_567, -765_432, 1_111_111, 7_654_321, -3_456_789, 12_345_678]).unwrap();
     stage.expected = stage.board.front.commanded().0.map(Some);
     stage.settle();
     tour(&mut stage, volume(1_000_000), 2_000, 1000);
