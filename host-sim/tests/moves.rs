@@ -190,6 +190,9 @@ fn a_one_directional_motor_ends_in_its_direction_whatever_happens_on_the_way() {
         settings.axes[1].backlash.mode = BacklashMode::UniNegative;
         stage.board.front.set_axes(&settings).unwrap();
         stage.wait_for_anchor();
+        stage.board.front.pose_absolute([-50_000, 50_000, 0, 0, 0, 0]).unwrap();
+        stage.expected = [Some(-50_000), Some(50_000), Some(0), Some(0), Some(0), Some(0)];
+        stage.settle();
         for _ in 0..40 {
             for axis in [Axis::X, Axis::Y] {
                 let to = stage.any(400_000);
@@ -237,6 +240,7 @@ fn a_reset_while_moving_leaves_a_stage_that_moves_again() {
 fn a_named_position_is_there_at_once_and_moves_start_from_it() {
     both(|mut stage| {
         stage.board.front.pose_absolute([10_000, 0, 0, 0, 0, 0]).unwrap();
+        stage.expected = [None; AXES];
         stage.settle();
         stage.board.front.set_position(Axis::X, 200_000).unwrap();
         let seen = stage.board.front.position().0[0];

@@ -72,6 +72,7 @@ fn tour(stage: &mut Stage, moves: u64, most: i64, every: u64) {
             // from the same side of every axis
             let below = home.map(|x| i64::from(x) - most);
             stage.board.front.pose_absolute(below).expect("below home");
+            stage.expected = below.map(|x| Some(x as i32));
             stage.settle();
             stage.board.front.pose_absolute(home.map(i64::from)).expect("home");
             stage.expected = home.map(Some);

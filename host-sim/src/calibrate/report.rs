@@ -97,6 +97,6 @@ impl fmt::Display for Report {
                 self.backlash_remainder[i],
             )?;
         }
-        write!(f, "block CRC-32: #H{:08X}", self.crc)
+        write!(f, "block CRC-32: {} (0x{:08X}), as COMP:CRC? answers it", self.crc, self.crc)
     }
 }

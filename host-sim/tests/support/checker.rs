@@ -38,7 +38,9 @@ impl Checker {
         Checker {
             timing: Timing::new([Limits { high, low, setup, hold }; AXES]),
             trajectory: Trajectory::new(machine, noise),
-            rates: machine.drives.map(|d| StepRate::new(d.velocity / d.step)),
+            rates: machine
+                .drives
+                .map(|d| StepRate::new(d.velocity / d.step, high.max(low).next_power_of_two())),
             lines: 0,
             tick: 0,
             counts: [0; AXES],

@@ -47,10 +47,11 @@ pub fn machines() -> Vec<Machine> {
 
 /// Coarse steps and stiff stages: a move over the whole travel takes some 1000 segments, a small one some 20.
 pub fn fast() -> Machine {
-    let mut machine = quicker(Machine::paper(), 1.0, 10_000.0, 10_000_000.0);
+    let mut machine = quicker(Machine::paper(), 1.0, 10_000.0, 2_500_000.0);
     for drive in &mut machine.drives {
         drive.step *= 4.0;
         drive.velocity = 400_000.0 * drive.step;
+        drive.jerk = drive.jerk.min(1.1e15);
     }
     machine
 }

@@ -136,15 +136,18 @@ fn bounds(machine: &Machine, noise: [f64; AXES]) -> Bounds {
 pub struct StepRate {
     /// Allowed steps per tick, Q32.
     rate: i64,
+    /// The one step that every window may hold, and what rounding to the grid moves into it, Q32.
+    most: i64,
     last: u64,
     /// Steps less the allowed ones in the worst window, Q32: upwards, downwards.
     level: [i64; 2],
 }
 
 impl StepRate {
-    /// At a limit in steps per second.
-    pub fn new(steps_per_second: f64) -> Self {
-        StepRate { rate: (steps_per_second * Q32 / 1e6).ceil() as i64, ..StepRate::default() }
+    /// At a limit in steps per second, on a grid in ticks: a step may come up to a grid less a tick early.
+    pub fn new(steps_per_second: f64, grid: u64) -> Self {
+        let rate = (steps_per_second * Q32 / 1e6).ceil() as i64;
+        StepRate { rate, most: (1 << 32) + rate * (grid as i64 - 1), ..StepRate::default() }
     }
 
     /// One more edge; how far it lies above v N + 1, in steps, if it does.
@@ -157,6 +160,6 @@ impl StepRate {
             *level = (*level + one - decay).max(one - self.rate).max(-self.rate);
             worst = worst.max(*level);
         }
-        (worst > 1 << 32).then(|| worst as f64 / Q32 - 1.0)
+        (worst > self.most).then(|| (worst - self.most) as f64 / Q32)
     }
 }

@@ -56,7 +56,8 @@ fn end_jogs(stage: &mut Stage) {
     for axis in Axis::ALL {
         if stage.board.front.has_jog(axis.index() as u8) {
             stage.board.front.end_jogs(axis.index() as u8);
-            stage.expected[axis.index()] = None;
+            // with a coordinated move that waits all of its axes stop
+            stage.expected = [None; AXES];
         }
     }
 }

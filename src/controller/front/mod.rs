@@ -1,0 +1,388 @@
+//! The front: plans, checks, keeps settings and answers questions. Runs in the thread executor.
+//!
+//! # Design
+//! It never touches a word. What it knows of the motion comes from the latest [`Report`]; what it wants goes down as
+//! [`Order`]s. Changes of the law, of counts and of pulses happen at standstill only and leave every motor where it is:
+//! the logical pose is recomputed by the forward map.
+
+mod calibration;
+mod dry_run;
+mod flanks;
+mod motion;
+mod standstill;
+
+pub use dry_run::Check;
+use flanks::Preload;
+
+use super::border::{Action, Order, Report};
+use crate::compensation::backlash::Flank;
+use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
+use crate::compensation::law::Law;
+use crate::error::{Error, ErrorNumber};
+use crate::motion::limits::{AxisLimits, Limits};
+use crate::motion::planner::{Capability, Planner};
+use crate::settings::{self, Settings};
+use crate::stepgen::timing::Timing;
+use crate::units::{AXES, Axis, MotorSteps, Pose, SEGMENT_TICKS};
+
+/// Pivots that can be kept; number 0 is the calibration's own fibre point.
+pub const PIVOTS: usize = 8;
+/// Farthest that a pivot may lie from a rotary axis, nm.
+pub const LEVER_LIMIT_NM: u64 = 60_000_000;
+/// Orders that may wait to be taken to the generator.
+pub const ORDERS: usize = 24;
+/// Segments between the last generated one and the first that a new track may use; more after a refusal.
+const LEAD: u64 = 2;
+const LEAD_MAX: u64 = 64;
+
+/// Condition of an axis, bits as in STATus:AXIS.
+#[allow(missing_docs)]
+pub mod axis_condition {
+    pub const MOVING: u16 = 1 << 0;
+    pub const HOMED: u16 = 1 << 1;
+    pub const FLANK_KNOWN: u16 = 1 << 2;
+    pub const TAKE_UP: u16 = 1 << 3;
+    pub const SOFT_LOW: u16 = 1 << 4;
+    pub const SOFT_HIGH: u16 = 1 << 5;
+    pub const ENABLED: u16 = 1 << 8;
+    pub const UNCERTAIN: u16 = 1 << 10;
+}
+
+/// Where an abort stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Abort {
+    None,
+    /// To be carried out by whoever owns the step output.
+    Requested,
+    /// Carried out; the report that says so is still to come.
+    Underway,
+}
+
+/// Plans, checks, keeps settings and answers questions.
+pub struct Front {
+    calibration: Option<Calibration>,
+    block: heapless::Vec<u8, BLOCK_CAPACITY>,
+    /// Settings in force.
+    pub(super) settings: Settings,
+    pivots: [Option<[i32; 3]>; PIVOTS],
+    pivot: u8,
+    capability: Capability,
+    timing: Timing,
+    planner: Planner,
+    report: Report,
+    sequence: u16,
+    lead: u64,
+    orders: heapless::Deque<Order, ORDERS>,
+    homed: [bool; AXES],
+    enabled: [bool; AXES],
+    uncertain: [bool; AXES],
+    abort: Abort,
+    preload: Option<Preload>,
+    jog_links: [Option<u8>; AXES],
+    /// A motion that was accepted and turned out to break a limit.
+    late_error: Option<Error>,
+    /// The last order that takes effect at once, while unanswered: nothing is planned before it is.
+    hold: Option<u16>,
+    /// Where the motors stand by an anchor that reports do not show yet.
+    anchor: Option<Anchored>,
+    /// Settings were set back during an abort: what follows from them is still to be ordered.
+    reset_due: bool,
+}
+
+/// Counts without overlay that were named at standstill.
+#[derive(Clone, Copy, Debug)]
+struct Anchored {
+    steps: MotorSteps,
+    sequence: u16,
+    /// The segment from which on reports show it, once the order is answered.
+    from: Option<u64>,
+}
+
+fn refuse(number: ErrorNumber) -> Error {
+    number.into()
+}
+
+impl Front {
+    /// Like a board after power-up, without a calibration: not homed, disabled.
+    pub fn new() -> Self {
+        let settings = Settings::defaults(None);
+        let motors = settings::motors(None, Some(&settings));
+        let law = Law::identity(&motors);
+        let mut front = Front {
+            calibration: None,
+            block: heapless::Vec::new(),
+            settings,
+            pivots: [None; PIVOTS],
+            pivot: 0,
+            capability: Capability {
+                law,
+                motors: motors.map(|m| settings::motor_rates(&m)),
+                wanted: settings.axes.map(|a| a.wanted()),
+                limits: Limits([NO_LIMITS; AXES]),
+                override_percent: 100,
+            },
+            timing: Timing::default(),
+            planner: Planner::at_rest(Pose::default()),
+            report: Report { settled: true, ..Report::default() },
+            sequence: 0,
+            lead: LEAD,
+            orders: heapless::Deque::new(),
+            homed: [false; AXES],
+            enabled: [false; AXES],
+            uncertain: [false; AXES],
+            abort: Abort::None,
+            preload: None,
+            jog_links: [None; AXES],
+            late_error: None,
+            hold: None,
+            anchor: None,
+            reset_due: false,
+        };
+        front.refresh();
+        front
+    }
+
+    /// The law and the timing with which the generator must begin.
+    pub fn generator_setup(&self) -> (Law, Timing) {
+        (self.capability.law, self.timing)
+    }
+
+    // ---- the border ----
+
+    /// The next order for the generator.
+    pub fn next_order(&mut self) -> Option<Order> {
+        self.orders.pop_front()
+    }
+
+    /// True when the step output must be stopped at once; whoever owns it does so, rolls the generator back and
+    /// lets its reports come in.
+    pub fn take_abort(&mut self) -> bool {
+        let requested = self.abort == Abort::Requested;
+        if requested {
+            self.abort = Abort::Underway;
+            self.orders.clear();
+        }
+        requested
+    }
+
+    /// A report of the generator.
+    pub fn receive_report(&mut self, report: Report) {
+        let aborted = report.aborts != self.report.aborts;
+        self.report = report;
+        if aborted {
+            self.abort = Abort::None;
+            self.orders.clear();
+            self.preload = None;
+            // what was ordered while it moved may be lost
+            let _ = self.refresh_plays();
+            self.stand_at(report.final_steps);
+            if core::mem::take(&mut self.reset_due) {
+                let settings = self.settings;
+                let _ = self.set_pulses(&settings).and_then(|()| self.change_law());
+            }
+        }
+        let answered = |sequence: u16| report.answered.wrapping_sub(sequence) < 0x8000;
+        self.hold = self.hold.filter(|sequence| !answered(*sequence));
+        if let Some(mut anchor) = self.anchor {
+            if anchor.from.is_none() && answered(anchor.sequence) {
+                anchor.from = Some(report.next);
+            }
+            let shown = anchor.from.is_some_and(|from| report.played >= from);
+            self.anchor = if shown { None } else { Some(anchor) };
+            if !shown {
+                self.show_anchor(anchor);
+            }
+        }
+        if self.planner.answer(report.answered, report.refused, report.next) {
+            self.lead = (self.lead * 2).min(LEAD_MAX);
+        }
+    }
+
+    /// Lets the report say what an anchor says, until it does so by itself.
+    fn show_anchor(&mut self, anchor: Anchored) {
+        let report = &mut self.report;
+        report.steps = anchor.steps;
+        for (count, (steps, overlay)) in report.counts.0.iter_mut().zip(anchor.steps.0.iter().zip(&report.overlay)) {
+            *count = steps.wrapping_add(*overlay);
+        }
+        if anchor.from.is_none() {
+            report.final_steps = anchor.steps;
+        }
+    }
+
+    /// Plans what is to be planned. Call after every report and after every command.
+    pub fn plan(&mut self) {
+        if self.abort != Abort::None || self.hold.is_some() {
+            return;
+        }
+        self.continue_preload();
+        if self.hold.is_some() {
+            return;
+        }
+        let segment = self.report.next + self.lead;
+        let (orders, sequence, aborts) = (&mut self.orders, &mut self.sequence, self.report.aborts);
+        let result = self.planner.plan(&self.capability, segment, |proposal| {
+            *sequence = sequence.wrapping_add(1);
+            let action = Action::Run { slot: proposal.slot, track: proposal.track };
+            let order = Order { sequence: *sequence, segment: Some(proposal.segment), aborts, action };
+            orders.push_back(order).ok().map(|()| *sequence)
+        });
+        if let Err(error) = result {
+            self.late_error = Some(error);
+            self.preload = None;
+        }
+        // not sooner: a track that ends within the lead counts as ended, and still runs in the generator
+        if !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence {
+            self.lead = LEAD;
+        }
+    }
+
+    /// An error of a motion that had been accepted, once.
+    pub fn take_late_error(&mut self) -> Option<Error> {
+        self.late_error.take()
+    }
+
+    fn order(&mut self, action: Action) -> Result<(), Error> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let order = Order { sequence: self.sequence, segment: None, aborts: self.report.aborts, action };
+        self.orders.push_back(order).map_err(|_| Error::text(ErrorNumber::Moving, "orders still on their way"))?;
+        self.hold = Some(self.sequence);
+        Ok(())
+    }
+
+    // ---- state ----
+
+    /// True while motion or take-up goes on, or is still to begin: what `*OPC` waits for.
+    pub fn operation_pending(&self) -> bool {
+        self.is_moving()
+            || self.abort != Abort::None
+            || self.preload.is_some()
+            || !self.orders.is_empty()
+            || self.report.answered != self.sequence
+    }
+
+    /// True while orders are on their way that a further change must wait for.
+    pub fn is_busy_at_the_border(&self) -> bool {
+        self.abort != Abort::None || self.orders.len() > ORDERS - 2 * AXES || self.planner.is_about_to_stop()
+    }
+
+    /// True until everything that moves, or waits to move, has come to rest in the words played.
+    pub fn is_moving(&self) -> bool {
+        self.planner.is_moving() || !self.report.settled
+    }
+
+    fn standstill(&self) -> Result<(), Error> {
+        if self.is_moving() || self.abort != Abort::None || self.preload.is_some() {
+            return Err(refuse(ErrorNumber::Moving));
+        }
+        Ok(())
+    }
+
+    /// Segments completely played, in ticks.
+    pub fn ticks(&self) -> u64 {
+        self.report.played * SEGMENT_TICKS as u64
+    }
+
+    /// The latest report.
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// Logical pose of the words played so far.
+    pub fn position(&self) -> Pose {
+        self.capability.law.forward(self.report.steps)
+    }
+
+    /// Where the axes are at last to stand.
+    pub fn commanded(&self) -> Pose {
+        self.planner.commanded()
+    }
+
+    /// Motor counts really played, overlay included.
+    pub fn motor_counts(&self) -> MotorSteps {
+        self.report.counts
+    }
+
+    /// Condition bits of an axis.
+    pub fn axis_condition(&self, axis: Axis) -> u16 {
+        use axis_condition::*;
+        let i = axis.index();
+        let bit = |set: bool, bit: u16| if set { bit } else { 0 };
+        let at = |mask: u8| mask >> i & 1 != 0;
+        let limits = &self.capability.limits.0[i];
+        let moving = at(self.report.moving | self.planner.moving_axes());
+        // where the axis stands by command: what is played is the nearest step of it
+        let watched = limits.soft_on && limits.homed && !moving;
+        let position = self.planner.rest().rounded().0[i];
+        bit(moving, MOVING)
+            | bit(self.homed[i], HOMED)
+            | bit(at(self.report.known) && !at(self.report.owing), FLANK_KNOWN)
+            | bit(at(self.report.taking_up), TAKE_UP)
+            | bit(watched && position <= limits.soft_lower, SOFT_LOW)
+            | bit(watched && position >= limits.soft_upper, SOFT_HIGH)
+            | bit(self.enabled[i], ENABLED)
+            | bit(self.uncertain[i], UNCERTAIN)
+    }
+
+    /// Bit n: motor n takes up its play.
+    pub fn taking_up(&self) -> u8 {
+        self.report.taking_up
+    }
+
+    /// Settings in force.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Motor data in force.
+    pub fn motors(&self) -> [MotorData; AXES] {
+        settings::motors(self.calibration.as_ref(), Some(&self.settings))
+    }
+
+    /// True when a motor is enabled.
+    pub fn is_enabled(&self, axis: Axis) -> bool {
+        self.enabled[axis.index()]
+    }
+
+    /// True when an axis is homed.
+    pub fn is_homed(&self, axis: Axis) -> bool {
+        self.homed[axis.index()]
+    }
+
+    /// The law in force.
+    pub fn law(&self) -> &Law {
+        &self.capability.law
+    }
+
+    /// Overlay of a motor, whole steps.
+    pub fn overlay_steps(&self, axis: Axis) -> i32 {
+        self.report.overlay[axis.index()]
+    }
+
+    /// Flank of a motor, none while unknown.
+    pub fn flank(&self, axis: Axis) -> Option<Flank> {
+        let bit = |mask: u8| mask >> axis.index() & 1 != 0;
+        bit(self.report.known).then(|| if bit(self.report.negative) { Flank::Negative } else { Flank::Positive })
+    }
+}
+
+impl Default for Front {
+    fn default() -> Self {
+        Front::new()
+    }
+}
+
+const NO_LIMITS: AxisLimits = AxisLimits {
+    soft_lower: 0,
+    soft_upper: 0,
+    soft_on: false,
+    travel_lower: 0,
+    travel_upper: 0,
+    homed: false,
+    enabled: false,
+};
+
+/// Steps per second, rounded up.
+fn step_rate(velocity: u64, step_q32: u64) -> u64 {
+    (u128::from(velocity) << 32).div_ceil(u128::from(step_q32.max(1))).min(u128::from(u64::MAX)) as u64
+}

@@ -1,0 +1,183 @@
+//! What is named or set at standstill: counts, drivers, pulses, settings.
+
+use super::{Abort, Anchored, Front, NO_LIMITS, PIVOTS, step_rate};
+use crate::controller::border::Action;
+use crate::error::{Detail, Error, ErrorNumber};
+use crate::motion::limits::{AxisLimits, Limits};
+use crate::settings;
+use crate::settings::Settings;
+use crate::stepgen::timing::Timing;
+use crate::units::{AXES, Axis, MotorSteps};
+
+impl Front {
+    /// Stands at motor counts: the pose follows from the law, no motor moves.
+    pub(super) fn stand_at(&mut self, steps: MotorSteps) {
+        let pose = self.capability.law.forward(steps);
+        self.planner.rest_at(pose);
+        // the queue was just cleared or has room: standstill comes first
+        let _ = self.order(Action::Anchor { pose, steps });
+        let anchor = Anchored { steps, sequence: self.sequence, from: None };
+        self.anchor = Some(anchor);
+        self.show_anchor(anchor);
+    }
+
+    /// Names the coordinate at which an axis stands: re-anchors the count of its motor alone.
+    ///
+    /// # Errors
+    /// 104 while moving, -222 beyond the arithmetic's range.
+    pub fn set_position(&mut self, axis: Axis, x: i64) -> Result<(), Error> {
+        self.standstill()?;
+        let i = axis.index();
+        let law = &self.capability.law;
+        let unlimited = Limits([NO_LIMITS; AXES]);
+        unlimited.check_coordinate(law, axis, x)?;
+        let mut steps = self.report.final_steps;
+        for _ in 0..8 {
+            let lack = x - i64::from(law.forward(steps).0[i]);
+            let by = settings::units_to_steps(lack, law.step_q32(i));
+            if by == 0 {
+                break;
+            }
+            steps.0[i] = steps.0[i].wrapping_add(by as i32);
+        }
+        self.homed[i] = true;
+        self.uncertain[i] = false;
+        self.stand_at(steps);
+        self.refresh();
+        Ok(())
+    }
+
+    /// Enables or disables a motor.
+    ///
+    /// # Errors
+    /// 104 when it is to be disabled while moving.
+    pub fn set_enabled(&mut self, axis: Axis, on: bool) -> Result<(), Error> {
+        if !on {
+            self.standstill()?;
+        }
+        self.enabled[axis.index()] = on;
+        self.refresh();
+        Ok(())
+    }
+
+    /// Pulse timing and sense of the motors; no motor moves.
+    ///
+    /// # Errors
+    /// 104 while moving, -221 when a motor's velocity needs more steps per second than the timing allows, or when
+    /// the times are too long.
+    pub fn set_pulses(&mut self, settings: &Settings) -> Result<(), Error> {
+        self.standstill()?;
+        let timing = Timing::new(settings.axes.map(|a| a.timing))
+            .ok_or(Error::text(ErrorNumber::DataOutOfRange, "pulse times above 32 us, or set-up or hold above 128 us"))?
+            .with_inverted(settings.axes.map(|a| a.inverted));
+        let ceiling = u64::from(timing.max_step_rate());
+        for (axis, motor) in Axis::ALL.into_iter().zip(self.motors()) {
+            if step_rate(motor.velocity, motor.step_q32) > ceiling {
+                return Err(Error {
+                    number: ErrorNumber::SettingsConflict,
+                    detail: Detail::AxisText(axis, "step rate above what the pulse timing allows"),
+                });
+            }
+        }
+        self.order(Action::Pulses(timing))?;
+        self.timing = timing;
+        self.settings.axes = settings.axes;
+        Ok(())
+    }
+
+    /// Takes over settings of axes: rates and limits at any time, backlash width and mode at standstill.
+    ///
+    /// # Errors
+    /// 104 when backlash width, mode or reserve change while moving.
+    pub fn set_axes(&mut self, settings: &Settings) -> Result<(), Error> {
+        let reserve = |s: &Settings| s.axes.map(|a| (a.backlash.mode, a.backlash.distance, a.backlash.velocity));
+        if reserve(settings) != reserve(&self.settings) {
+            self.standstill()?;
+        }
+        self.settings.axes = settings.axes;
+        self.refresh_plays()
+    }
+
+    /// Step size of a motor while no calibration is loaded; the motor stays where it is.
+    ///
+    /// # Errors
+    /// -221 with a calibration loaded, 104 while moving.
+    pub fn set_step(&mut self, axis: Axis, step_q32: u64) -> Result<(), Error> {
+        if self.calibration.is_some() {
+            return Err(Error::text(ErrorNumber::SettingsConflict, "the calibration gives the step size"));
+        }
+        self.standstill()?;
+        let old = self.settings;
+        self.settings.axes[axis.index()].step_q32 = step_q32;
+        let ceiling = u64::from(self.timing.max_step_rate());
+        if step_rate(self.motors()[axis.index()].velocity, step_q32) > ceiling {
+            self.settings = old;
+            return Err(Error::axis(ErrorNumber::SettingsConflict, axis));
+        }
+        self.change_law()
+    }
+
+    /// All settings to their defaults; calibration, home and limits stay, nothing moves.
+    pub fn reset(&mut self) {
+        self.abort();
+        let fresh = Settings::defaults(self.calibration.as_ref());
+        for (own, new) in self.settings.axes.iter_mut().zip(&fresh.axes) {
+            let limits = (own.soft_lower, own.soft_upper, own.soft_on);
+            let step = own.step_q32;
+            *own = *new;
+            (own.soft_lower, own.soft_upper, own.soft_on) = limits;
+            own.step_q32 = step;
+        }
+        self.settings.override_percent = fresh.override_percent;
+        self.settings.jog_timeout_ms = fresh.jog_timeout_ms;
+        self.settings.switches = fresh.switches;
+        self.pivot = 0;
+        self.pivots = [None; PIVOTS];
+        if self.abort == Abort::None {
+            let _ = self.set_pulses(&fresh_pulses(&self.settings, &fresh)).and_then(|()| self.change_law());
+        } else {
+            self.settings = fresh_pulses(&self.settings, &fresh);
+            self.reset_due = true;
+        }
+    }
+
+    /// What follows from the settings for planning.
+    pub(super) fn refresh(&mut self) {
+        let motors = self.motors();
+        for (i, own) in self.settings.axes.iter().enumerate() {
+            let motor = &motors[i];
+            self.capability.motors[i] = settings::motor_rates(motor).less(own.reserve(motor, self.report.overlay[i]));
+            self.capability.wanted[i] = own.wanted();
+            self.capability.limits.0[i] = AxisLimits {
+                soft_lower: own.soft_lower,
+                soft_upper: own.soft_upper,
+                soft_on: own.soft_on,
+                travel_lower: motor.travel_lower,
+                travel_upper: motor.travel_upper,
+                homed: self.homed[i],
+                enabled: self.enabled[i],
+            };
+        }
+        self.capability.override_percent = self.settings.override_percent;
+    }
+
+    /// The same, and the generator's backlash configuration.
+    pub(super) fn refresh_plays(&mut self) -> Result<(), Error> {
+        self.refresh();
+        let motors = self.motors();
+        for (i, motor) in motors.iter().enumerate() {
+            let config = self.settings.axes[i].play(motor, self.settings.switches, self.report.overlay[i]);
+            self.order(Action::Play { motor: i as u8, config })?;
+        }
+        Ok(())
+    }
+}
+
+/// The settings with the pulse times and senses of the fresh ones.
+fn fresh_pulses(own: &Settings, fresh: &Settings) -> Settings {
+    let mut settings = *own;
+    for (to, from) in settings.axes.iter_mut().zip(&fresh.axes) {
+        (to.timing, to.inverted) = (from.timing, from.inverted);
+    }
+    settings
+}
