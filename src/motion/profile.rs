@@ -42,7 +42,7 @@ pub(super) struct Phase {
 /// A jerk-limited profile s(t), t in whole segments from its start.
 ///
 /// Beyond the end of a profile that ends at rest stands the exact end position. A jog profile
-/// goes on at its end velocity; see [`super::to_velocity`].
+/// goes on at its end velocity; see [`super::plan::to_velocity`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Profile {
     pub(super) phases: [Phase; MAX_PHASES],
