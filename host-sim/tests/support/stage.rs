@@ -126,7 +126,17 @@ impl Stage {
     #[cold]
     pub fn fail(&self, what: &str) -> ! {
         let log: Vec<_> = self.log.iter().map(String::as_str).collect();
-        panic!("{}: @{} {what}\n  {}", self.name, self.board.now(), log.join("\n  "));
+        let front = &self.board.front;
+        panic!(
+            "{}: @{} {what}\n  at {:?} of {:?}, motors {:?}, moving {:#b}\n  {}",
+            self.name,
+            self.board.now(),
+            front.position().0,
+            front.commanded().0,
+            front.report().steps.0,
+            front.report().moving,
+            log.join("\n  ")
+        );
     }
 
     pub fn expect(&self, holds: bool, what: &str) {
