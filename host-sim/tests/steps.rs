@@ -40,7 +40,7 @@ fn storms_of_commands_keep_every_law() {
         for (kind, interleaving) in [Prompt, Jittered(1), Jittered(6)].into_iter().enumerate() {
             let begin = Instant::now();
             let mut stage = Stage::new(&machine, interleaving, 100 * index as u64 + kind as u64 + seed());
-            let weather = Weather { commands: volume(400), part: 50, aborts: true, changes: true };
+            let weather = Weather { commands: volume(300), part: 50, aborts: true, changes: true };
             storm(&mut stage, weather);
             report(&format!("{} {interleaving:?}", machine.name), &stage, begin);
             segments += stage.checker.segments;
@@ -158,4 +158,4 @@ fn the_same_seed_gives_the_same_words_in_debug_and_release() {
     assert_ne!(hash, fixed(Prompt));
 }
 
-const GOLDEN: u64 = 0;
+const GOLDEN: u64 = 0x7dc4d509f6326108;

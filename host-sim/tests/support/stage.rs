@@ -49,7 +49,11 @@ pub fn noise(machine: &Machine, law: &Law) -> [f64; AXES] {
             last = [m, last[0], last[1]];
         }
     }
-    largest.map(|l| 4.0 * l as f64 / 8.0 / 4_294_967_296.0 + 1.0 / 65_536.0)
+    std::array::from_fn(|i| {
+        // sixteenths of a nanometre of lever times the sine of an angle are easily missed: 2^-9 nm at least
+        let least = if i < 3 && law.lever_nm() > 0 { 1.0 / 512.0 / machine.drives[i].step } else { 0.0 };
+        least.max(4.0 * largest[i] as f64 / 8.0 / 4_294_967_296.0) + 1.0 / 65_536.0
+    })
 }
 
 /// A board under watch.
@@ -125,7 +129,17 @@ impl Stage {
     #[cold]
     pub fn fail(&self, what: &str) -> ! {
         let log: Vec<_> = self.log.iter().map(String::as_str).collect();
-        panic!("{}: @{} {what}\n  {}", self.name, self.board.now(), log.join("\n  "));
+        let front = &self.board.front;
+        panic!(
+            "{}: @{} {what}\n  at {:?} of {:?}, motors {:?}, moving {:#b}\n  {}",
+            self.name,
+            self.board.now(),
+            front.position().0,
+            front.commanded().0,
+            front.report().steps.0,
+            front.report().moving,
+            log.join("\n  ")
+        );
     }
 
     pub fn expect(&self, holds: bool, what: &str) {

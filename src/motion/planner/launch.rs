@@ -89,7 +89,10 @@ impl Planner {
             return;
         };
         let remaining = active.end_segment().saturating_sub(segment);
-        if stop && u64::from(profile.duration()) >= remaining {
+        // Whole segments make a stop longer than the ideal one, by up to two: it may end beyond the goal.
+        let ahead = active.goal.saturating_sub(state.position).signum();
+        let beyond = profile.end_position().saturating_sub(active.goal).signum() == ahead;
+        if stop && (u64::from(profile.duration()) >= remaining || beyond) {
             // it comes to rest as soon without
             if let Some(active) = &mut entry.active {
                 active.stopping = true;
@@ -235,6 +238,18 @@ impl Planner {
             Some(active) => stop_end(state, active.grant.limits)?,
             None => state.position,
         };
+        if running.is_some() {
+            let (lower, upper) = capability.limits.range(&capability.law, axis);
+            let rest = origin.0[i].saturating_add(stop);
+            let beyond = rest < i64::from(lower) << 32 || rest > i64::from(upper) << 32;
+            if beyond
+                && (origin.0[i] + stop - self.rest().0[i]).signum()
+                    == i64::from(stop > state.position) * 2 - 1
+            {
+                // turning back now would lead beyond the limit; where it goes lies before it
+                return Ok(());
+            }
+        }
         let low = 0.min(goal).min(state.position).min(stop);
         let high = 0.max(goal).max(state.position).max(stop);
         let (from, to) = match &running {
