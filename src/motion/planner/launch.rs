@@ -242,10 +242,7 @@ impl Planner {
             let (lower, upper) = capability.limits.range(&capability.law, axis);
             let rest = origin.0[i].saturating_add(stop);
             let beyond = rest < i64::from(lower) << 32 || rest > i64::from(upper) << 32;
-            if beyond
-                && (origin.0[i] + stop - self.rest().0[i]).signum()
-                    == i64::from(stop > state.position) * 2 - 1
-            {
+            if beyond && (origin.0[i] + stop - self.rest().0[i]).signum() == i64::from(stop > state.position) * 2 - 1 {
                 // turning back now would lead beyond the limit; where it goes lies before it
                 return Ok(());
             }
