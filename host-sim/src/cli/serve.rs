@@ -69,7 +69,10 @@ impl Args {
                 cold: self.cold,
                 seed: self.seed.wrapping_add(board.into()),
             };
-            let at = |source| Failure::Io { path: options.address.to_string(), source };
+            let at = |source: io::Error| {
+                let hint = if source.kind() == io::ErrorKind::AddrInUse { " (--port takes another)" } else { "" };
+                Failure::Io { path: format!("{}{hint}", options.address), source }
+            };
             stations.push(Station::new(&machine, &options, &poll).map_err(at)?);
         }
         println!("Stage controller, machine \"{}\"", machine.name);
@@ -87,7 +90,8 @@ impl Args {
         let live = io::stderr().is_terminal();
         let status = |line: &str| {
             if live {
-                eprint!("\r\x1b[K{line}");
+                // without wrapping: a line that is too long is cut
+                eprint!("\r\x1b[K\x1b[?7l{line}\x1b[?7h");
             }
         };
         serve(&mut stations, poll, status, || false).map_err(net)
