@@ -208,7 +208,7 @@ impl Play {
         let third = |n: u32| {
             // 16/3 (n/T)^3 in Q40 with T = 4 quarters: n^3 / (12 quarter^3)
             let x = (u64::from(n) << 30) / u64::from(quarter); // Q30, at most 1
-            let cube = ((x * x >> 30) * x) >> 20; // Q40
+            let cube = (((x * x) >> 30) * x) >> 20; // Q40
             (cube / 12) as i64
         };
         let sigma = if n <= quarter {

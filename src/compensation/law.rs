@@ -169,7 +169,7 @@ impl Law {
     pub fn second_order_bound(&self) -> u64 {
         let row = |r: &[i32; 6]| r.iter().map(|c| u64::from(c.unsigned_abs())).sum::<u64>();
         // c is per radian times 2^60 / 10^9; 2 q q' doubles it
-        self.rotation.second_order.iter().map(row).max().unwrap_or(0) * 2 * (1_000_000_000 >> 9) >> 19
+        (self.rotation.second_order.iter().map(row).max().unwrap_or(0) * 2 * (1_000_000_000 >> 9)) >> 19
     }
 }
 

@@ -28,9 +28,9 @@ impl Rates {
         const F: u128 = TICKS_PER_SECOND as u128;
         let step = u128::from(step_q32.max(1));
         // Each division by F keeps at least 40 fractional bits, so that nothing overflows 128 bits.
-        let v = (u128::from(velocity) * T << 40) / F;
-        let a = (u128::from(acceleration) * T * T << 40) / (F * F);
-        let j = ((u128::from(jerk) * T * T << 20) / F * T << 20) / (F * F);
+        let v = ((u128::from(velocity) * T) << 40) / F;
+        let a = ((u128::from(acceleration) * T * T) << 40) / (F * F);
+        let j = ((((u128::from(jerk) * T * T) << 20) / F * T) << 20) / (F * F);
         let in_steps = |value: u128| u64::try_from((value << 36) / step).unwrap_or(u64::MAX >> 1).max(1);
         Rates { velocity: in_steps(v), acceleration: in_steps(a), jerk: in_steps(j) }
     }

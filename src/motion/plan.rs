@@ -35,7 +35,7 @@ pub fn to_position(state: State, target: i64, limits: Limits) -> Result<Profile,
 fn start(state: State) -> Option<Point> {
     let small = |x: i128| x.abs() <= 1 << 91;
     let ok = small(state.velocity) && small(state.acceleration) && state.position.abs() <= FARTHEST;
-    ok.then(|| Point { s: 0, v: state.velocity << FROM_Q90, a: state.acceleration << FROM_Q90 })
+    ok.then_some(Point { s: 0, v: state.velocity << FROM_Q90, a: state.acceleration << FROM_Q90 })
 }
 
 fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
@@ -177,7 +177,7 @@ fn rest_to_rest(path: &mut Path, way: i128, rates: &Rates) -> Option<()> {
         let hold = d.div_ceil(a.checked_mul(r)?);
         let jr = j.checked_mul(r)?;
         let q = hold.max(sqrt_up(d.div_ceil(jr)));
-        let p = d.div_ceil(jr.checked_mul(q).unwrap_or(u128::MAX));
+        let p = d.div_ceil(jr.saturating_mul(q));
         if p + q <= r {
             let cruise = way / r as i128;
             let peak = cruise / q as i128;

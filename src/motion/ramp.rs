@@ -152,7 +152,7 @@ impl Rates {
     /// Whether the first and the last part of a ramp ask for too much jerk.
     fn strain(&self, a0: i128, peak: i128, n: [u32; 3]) -> (bool, bool) {
         let [n1, _, n3] = n.map(i128::from);
-        ((peak - a0).abs() > self.j * n1, peak.abs() > self.j * n3)
+        ((peak - a0).abs() > self.j.saturating_mul(n1), peak.abs() > self.j.saturating_mul(n3))
     }
 }
 
@@ -272,7 +272,7 @@ impl Path {
             } else {
                 from.v.abs()
             };
-            jerk <= rates.j * i128::from(n) && a1.abs() <= a_most && extreme <= v_most
+            jerk <= rates.j.saturating_mul(n.into()) && a1.abs() <= a_most && extreme <= v_most
         })
     }
 

@@ -141,7 +141,7 @@ impl Checker {
             .iter()
             .enumerate()
             .find(|(_, v)| v.total() != 0)
-            .filter(|_| self.segments % 64 == 0)
+            .filter(|_| self.segments.is_multiple_of(64))
         {
             let v = *v;
             self.fail(|| format!("motor {m}: {v:?}"));

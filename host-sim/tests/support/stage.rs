@@ -166,7 +166,7 @@ impl Stage {
             self.late += 1;
             self.expected = [None; AXES];
         }
-        if self.board.now() % 32 == 0 && !self.checker.jumps {
+        if self.board.now().is_multiple_of(32) && !self.checker.jumps {
             self.check_soft_limits();
         }
     }
