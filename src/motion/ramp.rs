@@ -226,3 +226,151 @@ pub(super) fn peak(a0: i128, dv: i128, n: [u32; 3]) -> Option<i128> {
     let weight = n1 + 2 * n2 + n3;
     (weight > 0).then(|| a0.checked_mul(n1).map(|known| (2 * dv - known) / weight))?
 }
+
+/// Position, velocity and acceleration in the planner's numbers.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Point {
+    pub s: i128,
+    pub v: i128,
+    pub a: i128,
+}
+
+impl Point {
+    /// After `n` segments in which the acceleration goes linearly to `a1`.
+    pub fn after(self, n: u32, a1: i128) -> Option<Point> {
+        let n = i128::from(n);
+        let dv = n.checked_mul(self.a + a1)? >> 1;
+        let bend = n.checked_mul(n)?.checked_mul(2 * self.a + a1)? / 6;
+        let s = self.s.checked_add(n.checked_mul(self.v)?)?.checked_add(bend)?;
+        let v = self.v + dv;
+        let sane = s.abs() < 1 << (BITS + 6) && v.abs() < 1 << (BITS + 3);
+        sane.then_some(Point { s, v, a: a1 })
+    }
+
+    /// After a ramp to `v1`.
+    pub fn after_ramp(self, n: [u32; 3], v1: i128) -> Option<Point> {
+        if n == [0; 3] {
+            return Some(self);
+        }
+        let peak = peak(self.a, v1 - self.v, n)?;
+        let end = self.after(n[0], peak)?.after(n[1], peak)?.after(n[2], 0)?;
+        // The peak was rounded; the velocity it was made for is the exact one.
+        Some(Point { v: v1, ..end })
+    }
+}
+
+/// Phases under construction, in a frame that may be mirrored.
+#[derive(Clone, Copy)]
+pub(super) struct Path {
+    /// Acceleration at the end, segments, and the state at the start of each phase.
+    phases: [(u32, i128, Point); MAX_PHASES],
+    count: usize,
+    /// The state reached.
+    pub at: Point,
+    /// Segments so far.
+    pub time: u32,
+}
+
+impl Path {
+    pub fn new(at: Point) -> Path {
+        Path { phases: [(0, 0, Point::default()); MAX_PHASES], count: 0, at, time: 0 }
+    }
+
+    /// Goes to the acceleration `a1` in `n` segments.
+    pub fn push(&mut self, n: u32, a1: i128) -> Option<()> {
+        if n > 0 {
+            *self.phases.get_mut(self.count)? = (n, a1, self.at);
+            self.at = self.at.after(n, a1)?;
+            self.count += 1;
+            self.time = segments(i128::from(self.time) + i128::from(n))?;
+        }
+        Some(())
+    }
+
+    /// Goes to the velocity `v1` in a ramp with these durations.
+    pub fn push_ramp(&mut self, n: [u32; 3], v1: i128) -> Option<()> {
+        if n != [0; 3] {
+            let peak = peak(self.at.a, v1 - self.at.v, n)?;
+            self.push(n[0], peak)?;
+            self.push(n[1], peak)?;
+            self.push(n[2], 0)?;
+            self.at.v = v1;
+        }
+        Some(())
+    }
+
+    /// Whether every phase keeps the limits; `v_most` and `a_most` are those of this plan.
+    pub fn keeps(&self, rates: &Rates, v_most: i128, a_most: i128) -> bool {
+        self.phases.iter().take(self.count).all(|&(n, a1, from)| {
+            let jerk = (a1 - from.a).abs();
+            let crossing = (from.a < 0) != (a1 < 0) && from.a != 0 && a1 != 0;
+            // Where the acceleration crosses zero the velocity has its extreme.
+            let extreme = if crossing {
+                let own = Rates { j: (jerk / i128::from(n.max(1))).max(1), ..*rates };
+                own.forced(from.a).map_or(i128::MAX, |dv| (from.v + dv).abs())
+            } else {
+                from.v.abs()
+            };
+            jerk <= rates.j.saturating_mul(n.into()) && a1.abs() <= a_most && extreme <= v_most
+        })
+    }
+
+    /// The profile, ending exactly at `end` (Q60), mirrored if `sign` is −1.
+    pub fn finish(&self, start: i64, end: i64, end_velocity: i64, sign: i128) -> Option<Profile> {
+        let goal = (i128::from(end) - i128::from(start)) << FROM_Q60;
+        if (sign * self.at.s - goal).abs() > 1 << (BITS - 57) {
+            return None;
+        }
+        let mut profile =
+            Profile { duration: self.time, last: end, end_position: end, end_velocity, ..Profile::default() };
+        let mut time = 0;
+        for (phase, &(n, a1, from)) in profile.phases.iter_mut().zip(&self.phases).take(self.count) {
+            time += n;
+            *phase = cubic(n, time, start, sign, from, a1)?;
+        }
+        profile.count = self.count as u8;
+        Some(profile)
+    }
+
+    /// The same path seen from the other side.
+    pub fn mirrored(mut self) -> Path {
+        let flip = |at: Point| Point { s: -at.s, v: -at.v, a: -at.a };
+        for phase in &mut self.phases {
+            *phase = (phase.0, -phase.1, flip(phase.2));
+        }
+        self.at = flip(self.at);
+        self
+    }
+}
+
+/// The coefficients of one phase, refused where evaluation could leave an i64.
+pub(super) fn cubic(n: u32, end: u32, start: i64, sign: i128, from: Point, a1: i128) -> Option<Phase> {
+    // At least 1: a shift by 32 has no meaning in u32.
+    let k = (32 - n.saturating_sub(1).leading_zeros()).max(1);
+    let round = |x: i128, bits: u32| (x + (1 << (bits - 1))) >> bits;
+    let fits = |x: i128, up: u32| (x.unsigned_abs().leading_zeros() > up + 3).then(|| x << up);
+    // Three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
+    let narrow = |x: i128| {
+        let term = round(sign * x, BITS - COEFFICIENT_BITS);
+        (term.abs() < 10 << COEFFICIENT_BITS).then_some(term as i64)
+    };
+    let c1 = fits(from.v, k)?;
+    let c2 = fits(from.a, 2 * k)? / 2;
+    // Ten of the guard bits are enough below and leave room for 2^K above.
+    let steep = round(fits(a1 - from.a, 2 * k)?, 36);
+    let c3 = fits(fits(steep, k)? / (6 * i128::from(n.max(1))), 36)?;
+    let terms = [narrow(c1)?, narrow(c2)?, narrow(c3)?];
+    let c0 = i64::try_from(i128::from(start) + round(sign * from.s, FROM_Q60)).ok()?;
+    // How far a phase can lead beyond its borders: not at all where it is monotone; by less than
+    // v0·n where only the velocity changes its sign.
+    let segments = i128::from(n);
+    let drift = segments.checked_mul(from.v.abs())?;
+    let bend = segments.checked_mul(segments)?.checked_mul(from.a.abs().max(a1.abs()))? / 2;
+    let near = if from.a.signum() * a1.signum() < 0 {
+        drift.checked_add(bend)? < ROOM
+    } else {
+        drift < ROOM || from.v.signum() * from.after(n, a1)?.v.signum() >= 0
+    };
+    let inside = c0.abs() <= FARTHEST && near;
+    inside.then_some(Phase { end, shift: (32 - k) as u8, c: [c0, terms[0], terms[1], terms[2]] })
+}

@@ -89,10 +89,12 @@ impl Planner {
             return;
         };
         let remaining = active.end_segment().saturating_sub(segment);
-        // Whole segments make a stop longer than the ideal one, by up to two: it may end beyond the goal.
+        // Whole segments make a stop longer than the ideal one, by up to two: it may end beyond the goal. (One that
+        // overshoots its goal anyway and has still to return is stopped all the same.)
+        let duration = u64::from(profile.duration());
         let ahead = active.goal.saturating_sub(state.position).signum();
         let beyond = profile.end_position().saturating_sub(active.goal).signum() == ahead;
-        if stop && (u64::from(profile.duration()) >= remaining || beyond) {
+        if stop && (duration >= remaining || beyond && remaining <= duration + duration / 8 + 16) {
             // it comes to rest as soon without
             if let Some(active) = &mut entry.active {
                 active.stopping = true;
@@ -282,7 +284,7 @@ impl Planner {
         let jog = matches!(self.desires[i], Desire::Jog { .. });
         let goal = if jog {
             let way = limits.velocity.saturating_mul(LONGEST_JOG);
-            goal.clamp(state.position.saturating_sub(way), state.position.saturating_add(way))
+            goal.clamp(stop.saturating_sub(way), stop.saturating_add(way))
         } else {
             goal
         };
