@@ -81,7 +81,7 @@ stage_unit() { # All tests, debug build
 }
 
 stage_property() { # All tests, release build: properties at full volume
-    cargo test --release --no-fail-fast
+    cargo test --release --no-fail-fast -- --show-output
 }
 
 stage_golden() { # Golden vectors computed anew by an independent program
@@ -196,7 +196,8 @@ run() {
         FAILED) complaints "$log" | sed 's/^/    /'
                 echo "    all of it: $log" ;;
         *) sed -n 's/^test \(.*\) \.\.\. ignored,* *\(.*\)/          skipped: \1 (\2)/p' "$log"
-           [ "$name" != bench ] || sed 's/^/    /' "$log" ;;
+           [ "$name" != bench ] || sed 's/^/    /' "$log"
+           [ "$name" != property ] || sed -n 's/^figure: /    /p' "$log" ;;
     esac
 }
 

@@ -72,7 +72,7 @@ fn a_scan_of_y_leaves_at_most_the_dead_band_on_x() {
         }
         let emulated = left_by_logical_judgement(&machine, &stops);
         println!(
-            "Y +-{} um: X is left {by_play:.1} nm by play ({of_truth:.1} nm with the rounding); \
+            "figure: Y +-{} um: X is left {by_play:.1} nm by play ({of_truth:.1} nm with the rounding); \
              judged on the logical axis: {emulated:.1} nm",
             end / 1000
         );
@@ -167,7 +167,7 @@ fn one_directional_modes_hold_for_pose_moves_of_all_motors() {
 fn reversal_stands_true_within_the_dead_band_and_off_leaves_the_play() {
     let reversal = visit(&mut with_mode(BacklashMode::Reversal));
     let off = visit(&mut with_mode(BacklashMode::Off));
-    println!("true X: REVersal {reversal:.1} nm, OFF {off:.1} nm");
+    println!("figure: true X: REVersal {reversal:.1} nm, OFF {off:.1} nm");
     assert!(reversal <= 1.5 * STEP + 2.0);
     assert!((off - PLAY).abs() <= 0.5 * STEP + 2.0);
 }

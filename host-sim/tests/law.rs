@@ -57,7 +57,7 @@ impl Worst {
     fn check(&self, name: &str) {
         let Worst { linear, linear_nm, rotary, position, orientation } = self;
         println!(
-            "{name:12} linear {linear:.4} (half a step {linear_nm:+.3} nm)  rotary {rotary:.4}  \
+            "figure: {name:12} linear {linear:.4} (half a step {linear_nm:+.3} nm)  rotary {rotary:.4}  \
              position {position:.3}  orientation {orientation:.3} of what is allowed"
         );
         for share in [linear, rotary, position, orientation] {
@@ -116,7 +116,7 @@ fn machines_never_seen_obey_the_same_bounds() {
         }
     }
     worst.check("random");
-    println!("{backs} counts came back");
+    println!("figure: {backs} counts came back");
 }
 
 /// The law with everything on, without coupling, without pivot, with nothing, and with pivots elsewhere.
@@ -236,7 +236,7 @@ fn the_rotation_centre_is_exact_to_a_nanometre_at_sixty_millimetres() {
             worst = worst.max((got - wanted).norm());
         }
     }
-    println!("c(q) at up to 60 mm and 5 degrees: {worst:.3} nm from f64");
+    println!("figure: c(q) at up to 60 mm and 5 degrees: {worst:.3} nm from f64");
     assert!(worst <= 1.0);
 }
 
@@ -277,7 +277,7 @@ fn along_a_slow_line_the_law_is_smooth() {
             }
         }
         let rms = squares.map(|s| (s / count).sqrt());
-        println!("{name}: third differences, nm or nrad a segment^3: rms {rms:.4?}, peak {peak:.4?}");
+        println!("figure: {name}: third differences, nm or nrad a segment^3: rms {rms:.4?}, peak {peak:.4?}");
         assert!(peak.iter().all(|p| *p < 0.2));
     }
 }

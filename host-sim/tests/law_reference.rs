@@ -204,7 +204,7 @@ fn worst_of_all_signs(order: &[Axis; AXES], size: f64) -> f64 {
 fn three_and_eight_milliradians_leave_five_and_fifteen_microradians() {
     for (name, limit) in [("three-mrad", 5.0), ("xzy-bga", 5.0), ("eight-mrad", 15.0)] {
         let (_, report) = calibrate(&golden_machine(name)).unwrap();
-        println!("{name}: {:.3} urad", report.orientation_residual_urad);
+        println!("figure: {name}: {:.3} urad", report.orientation_residual_urad);
         assert!(report.orientation_residual_urad <= limit, "{name}: {report}");
     }
 }
@@ -215,7 +215,7 @@ fn no_signs_of_the_static_errors_exceed_the_limits_over_five_degrees() {
     let order = Machine::paper().order;
     for (size, limit) in [(3e-3, 5.0), (8e-3, 15.0)] {
         let urad = worst_of_all_signs(&order, size);
-        println!("static errors of {:.0} mrad, all signs: {urad:.2} urad", size * 1e3);
+        println!("figure: static errors of {:.0} mrad, all signs: {urad:.2} urad", size * 1e3);
         assert!(urad <= limit, "{size} rad leaves {urad} urad");
     }
 }

@@ -18,7 +18,7 @@ use support::{fast, machines, quicker, seed, volume};
 fn report(name: &str, stage: &Stage, begin: Instant) {
     let used = stage.checker.trajectory.used().map(|u| 100.0 * u);
     println!(
-        "{name}: {} segments, {} steps in {:.1} s; used at stride 32: v {:.1} a {:.1} j {:.1} %; {} jogs ended by a limit",
+        "figure: {name}: {} segments, {} steps in {:.1} s; used at stride 32: v {:.1} a {:.1} j {:.1} %; {} jogs ended by a limit",
         stage.checker.segments,
         stage.checker.steps,
         begin.elapsed().as_secs_f64(),
@@ -47,7 +47,7 @@ fn storms_of_commands_keep_every_law() {
             steps += stage.checker.steps;
         }
     }
-    println!("storms: {segments} segments, {steps} steps");
+    println!("figure: storms: {segments} segments, {steps} steps");
 }
 
 #[test]

@@ -260,9 +260,8 @@ fn extreme_limits_and_states_never_panic() {
         };
         let state = State { position, velocity: v * sign(&mut random), acceleration: a * sign(&mut random) };
         let target = q60(3.9 * random.signed());
-        for profile in [to_position(state, target, l), to_velocity(state, target >> random.below(60), l)]
-            .into_iter()
-            .flatten()
+        for profile in
+            [to_position(state, target, l), to_velocity(state, target >> random.below(60), l)].into_iter().flatten()
         {
             planned += 1;
             check(&profile, state, l);
