@@ -41,9 +41,9 @@ fn a_coordinated_move_ends_on_the_same_segment_for_all_axes() {
         for _ in 0..20_000 {
             stage.step();
             let now = stage.board.generator().targets();
-            for i in 0..AXES {
-                if now.0[i] != last.0[i] {
-                    ended[i] = stage.board.now();
+            for (ended, (now, last)) in ended.iter_mut().zip(now.0.iter().zip(&last.0)) {
+                if now != last {
+                    *ended = stage.board.now();
                 }
             }
             last = now;

@@ -118,13 +118,13 @@ impl Generator {
         }
         let base_tick = first_tick(self.segment);
         let lines = self.timing.lines();
-        for i in 0..AXES {
+        for (i, line) in lines.iter().enumerate() {
             let target = self.target.0[i];
             let overlay = self.plays[i].advance((target >> 32) as i32, moving, &self.configs[i]);
             let from = self.motor.0[i];
             let to = target.wrapping_add(overlay);
             self.motor.0[i] = to;
-            self.emitters[i].place(&lines[i], from, to, base_tick, words);
+            self.emitters[i].place(line, from, to, base_tick, words);
         }
     }
 

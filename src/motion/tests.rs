@@ -5,7 +5,7 @@ use super::plan::{to_position, to_velocity};
 use super::profile::{COEFFICIENT_BITS, Phase, Profile, State};
 use super::ramp::Limits;
 use super::reference::Ideal;
-use std::{eprintln, vec, vec::Vec};
+use std::{eprintln, vec::Vec};
 
 const ONE: f64 = (1u64 << 60) as f64;
 const Q90: f64 = ONE * (1 << 30) as f64;
