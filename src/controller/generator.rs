@@ -116,7 +116,8 @@ impl Generator {
             self.target = self.law.motors(&pose, &mut self.remembered);
         }
         let base_tick = first_tick(self.segment);
-        for (i, line) in self.timing.lines().iter().enumerate() {
+        let lines = self.timing.lines();
+        for (i, line) in lines.iter().enumerate() {
             let target = self.target.0[i];
             let overlay = self.plays[i].advance((target >> 32) as i32, moving, &self.configs[i]);
             let from = self.motor.0[i];
