@@ -92,3 +92,16 @@ fn an_abort_in_mid_move_keeps_the_position_and_the_next_move_is_right() {
         "1;1000.000,0.000,0.000,0.00000000,0.00000000,0.00000000"
     );
 }
+
+#[test]
+fn a_law_under_which_the_stage_would_stand_beyond_its_coordinates_is_refused() {
+    let machine = Machine::paper();
+    let mut board =
+        Board::new(&machine, stage_controller::controller::front::Front::new(), Interleaving::Jittered(3), 7);
+    board.settle();
+    let mut c = Console::new(board);
+    assert_eq!(c.line("AXIS1:STEP:SIZE 10 NM;:AXIS1:POS:SET 500 MM;:SYST:ERR?", |_| ()), "0,\"No error\"");
+    let before = c.line("AXIS1:POS?;POS:MOT?;:AXIS1:STEP:SIZE?", |_| ());
+    assert!(c.line("AXIS1:STEP:SIZE 60 UM;:SYST:ERR?", |_| ()).starts_with("-222,"));
+    assert_eq!(c.line("AXIS1:POS?;POS:MOT?;:AXIS1:STEP:SIZE?", |_| ()), before);
+}

@@ -25,6 +25,7 @@ impl Front {
                 return Err(Error::axis(ErrorNumber::SettingsConflict, axis));
             }
         }
+        self.check_standing(&Law::new(&calibration, self.settings.switches, calibration.fibre_point))?;
         let bytes = heapless::Vec::from_slice(block)
             .map_err(|_| Error::text(ErrorNumber::SettingsConflict, "calibration block length"))?;
         let fresh = Settings::defaults(Some(&calibration));
@@ -64,8 +65,9 @@ impl Front {
         let old = self.settings.switches;
         let linear = |s: Switches| (s.compensation && s.coupling, s.compensation && s.pivot);
         let law_changes = self.calibration.is_some() && linear(old) != linear(switches);
-        if law_changes {
+        if let Some(calibration) = self.calibration.as_ref().filter(|_| law_changes) {
             self.standstill()?;
+            self.check_standing(&Law::new(calibration, switches, self.pivot_point(calibration)))?;
         }
         self.settings.switches = switches;
         if law_changes { self.change_law() } else { self.refresh_plays() }
@@ -87,6 +89,7 @@ impl Front {
         let in_use = self.pivot == number;
         if in_use {
             self.standstill()?;
+            self.check_standing(&Law::new(calibration, self.settings.switches, point))?;
         }
         if let Some(place) = self.pivots.get_mut(usize::from(number)) {
             *place = Some(point);
@@ -99,11 +102,9 @@ impl Front {
     /// # Errors
     /// 104 while moving, 107 with no calibration, -221 for a pivot that is not defined.
     pub fn select_pivot(&mut self, number: u8) -> Result<(), Error> {
-        self.calibration()?;
+        let point = self.defined_pivot(number)?;
         self.standstill()?;
-        if number != 0 && self.pivots.get(usize::from(number)).is_none_or(Option::is_none) {
-            return Err(Error::text(ErrorNumber::SettingsConflict, "pivot not defined"));
-        }
+        self.check_standing(&Law::new(self.calibration()?, self.settings.switches, point))?;
         self.pivot = number;
         self.change_law()
     }
@@ -147,6 +148,18 @@ impl Front {
             Some(Some(point)) if self.pivot != 0 => *point,
             _ => calibration.fibre_point,
         }
+    }
+
+    /// Under another law the counts at which the motors stand must still be a pose.
+    ///
+    /// # Errors
+    /// -222 when it lies beyond the range of coordinates.
+    pub(super) fn check_standing(&self, law: &Law) -> Result<(), Error> {
+        let steps = self.report.final_steps;
+        if law.steps(law.forward(steps)) == steps {
+            return Ok(());
+        }
+        Err(Error::text(ErrorNumber::DataOutOfRange, "the stage would stand beyond the range of coordinates"))
     }
 
     /// Puts the law in force that calibration, switches and pivot ask for.

@@ -1,6 +1,7 @@
 //! What is named or set at standstill: counts, drivers, pulses, settings.
 
 use super::{Abort, Anchored, Front, NO_LIMITS, PIVOTS, step_rate};
+use crate::compensation::law::Law;
 use crate::controller::border::Action;
 use crate::error::{Detail, Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
@@ -38,6 +39,9 @@ impl Front {
                 break;
             }
             steps.0[i] = steps.0[i].wrapping_add(by as i32);
+        }
+        if law.steps(law.forward(steps)) != steps {
+            return Err(Error::axis(ErrorNumber::DataOutOfRange, axis));
         }
         self.homed[i] = true;
         self.uncertain[i] = false;
@@ -109,9 +113,18 @@ impl Front {
         let old = self.settings;
         self.settings.axes[axis.index()].step_q32 = step_q32;
         let ceiling = u64::from(self.timing.max_step_rate());
-        if step_rate(self.motors()[axis.index()].velocity, step_q32) > ceiling {
+        let motors = self.motors();
+        let refused = if step_rate(motors[axis.index()].velocity, step_q32) > ceiling {
+            Err(Error {
+                number: ErrorNumber::SettingsConflict,
+                detail: Detail::AxisText(axis, "step rate above what the pulse timing allows"),
+            })
+        } else {
+            self.check_standing(&Law::identity(&motors))
+        };
+        if refused.is_err() {
             self.settings = old;
-            return Err(Error::axis(ErrorNumber::SettingsConflict, axis));
+            return refused;
         }
         self.change_law()
     }
