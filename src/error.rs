@@ -1,7 +1,7 @@
 //! Errors of the controller: the SCPI numbers, and what each names.
 
 use crate::units::Axis;
-use crate::units::decimal::{Formatted, Unit};
+use crate::units::decimal::{Formatted, axis_unit};
 use core::fmt;
 
 /// Number of an error in the queue (SCPI-99 volume 2 chapter 21; positive numbers are the device's own).
@@ -158,6 +158,15 @@ pub enum Detail {
         /// The bound is the travel of the motor.
         motor: bool,
     },
+    /// Velocity of an axis beyond a bound, both in nm/s or nrad/s.
+    Speed {
+        /// The axis.
+        axis: Axis,
+        /// The value asked for, nm/s or nrad/s.
+        value: i64,
+        /// The bound that it breaks, nm/s or nrad/s.
+        bound: i64,
+    },
 }
 
 /// Up to 24 bytes of a message, for an error text.
@@ -235,12 +244,19 @@ impl fmt::Display for Detail {
             Detail::Axis(axis) => write!(f, "{}", AxisName(*axis)),
             Detail::AxisText(axis, text) => write!(f, "{} {text}", AxisName(*axis)),
             Detail::Limit { axis, value, bound, motor } => {
-                let unit = if axis.is_rotary() { Unit::ANGLE } else { Unit::LENGTH };
+                let unit = axis_unit(*axis);
                 let (value_text, bound_text) = (Formatted { value: *value, unit }, Formatted { value: *bound, unit });
                 let motor = if *motor { " motor" } else { "" };
                 let side = if value < bound { "below" } else { "above" };
                 let symbol = unit.symbol();
                 write!(f, "{}{motor} {value_text} {symbol} {side} {bound_text} {symbol}", AxisName(*axis))
+            }
+            Detail::Speed { axis, value, bound } => {
+                let unit = axis_unit(*axis).per_second(1);
+                let (value_text, bound_text) = (Formatted { value: *value, unit }, Formatted { value: *bound, unit });
+                let side = if value < bound { "below" } else { "above" };
+                let symbol = unit.symbol();
+                write!(f, "{} {value_text} {symbol} {side} {bound_text} {symbol}", AxisName(*axis))
             }
         }
     }

@@ -118,9 +118,10 @@ pub fn default_step_q32(axis: Axis) -> u64 {
     if axis.is_rotary() { 4_000 << 32 } else { 50 << 32 }
 }
 
-/// Whole units of a Q32 step count.
+/// Whole units of a step count; saturates.
 pub fn steps_to_units(steps: i64, step_q32: u64) -> i64 {
-    ((i128::from(steps) * i128::from(step_q32) + (1 << 31)) >> 32) as i64
+    let units = (i128::from(steps) * i128::from(step_q32) + (1 << 31)) >> 32;
+    units.clamp(i64::MIN.into(), i64::MAX.into()) as i64
 }
 
 /// Steps nearest to a length, halves away from zero.

@@ -12,6 +12,7 @@ use stage_controller::controller::border::{Order, Orders, Report};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::generator::Generator;
 use stage_controller::stepgen::segment::Words;
+use stage_controller::stepgen::timing::MAX_GRID;
 use stage_controller::units::{FineSteps, SEGMENT_TICKS};
 use std::collections::VecDeque;
 
@@ -219,7 +220,10 @@ impl Board {
     fn abort(&mut self, observe: &mut impl FnMut(Played<'_>)) {
         let Some(waiting) = self.ring.pop_front() else { return };
         let tick = self.seeded.below(SEGMENT_TICKS as u64 + 1) as usize;
-        self.play(waiting.segment, &waiting.words[..tick], None, observe);
+        // the stream stands until the ring is filled anew: longer than any pulse, so that a line left high ends as one
+        let mut words = waiting.words[..tick].to_vec();
+        words.resize(tick + MAX_GRID as usize, 0);
+        self.play(waiting.segment, &words, None, observe);
         self.generator.abort(waiting.segment, tick, &waiting.words);
         self.ring.clear();
         self.reports.clear();

@@ -4,7 +4,7 @@
 //! Layout: magic `SCAL`, version (u16), payload length (u16), payload (postcard), CRC-32 (ISO-HDLC) of all before.
 
 use crate::error::{Error, ErrorNumber};
-use crate::units::{AXES, Axis, COORDINATE_LIMIT};
+use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT};
 use serde::{Deserialize, Serialize};
 
 /// Version of the block's payload. Raised when a field changes; older blocks are then refused with -221.
@@ -155,6 +155,9 @@ impl Calibration {
                 return shape("calibration motor data");
             }
         }
+        if !self.is_near_the_ideal() {
+            return shape("calibration matrix, axes or gain far from a stage's");
+        }
         let small = |values: &[i32], limit: i32| values.iter().all(|v| (-limit..=limit).contains(v));
         let rows_ok = self.tilt.iter().all(|row| small(row, 1 << 28))
             && self.second_order.iter().all(|row| small(row, 1 << 28))
@@ -166,6 +169,34 @@ impl Calibration {
             return shape("calibration coefficients");
         }
         Ok(())
+    }
+}
+
+impl Calibration {
+    /// A stage is built square and straight to a few percent: what is farther off is no calibration, and the law's
+    /// inverse need not converge.
+    fn is_near_the_ideal(&self) -> bool {
+        let unit = |i: usize| {
+            let motor = &self.motors[i];
+            ((1u128 << (u32::from(motor.row_bits) + 32)) / u128::from(motor.step_q32)) as i64
+        };
+        let slides = self.inverse_slides.iter().enumerate().all(|(i, row)| {
+            row.iter().enumerate().all(|(j, c)| {
+                let ideal = if i == j { unit(i) } else { 0 };
+                (i64::from(*c) - ideal).abs() <= unit(i) / 10
+            })
+        });
+        let gains = self.rotary_gain.iter().zip(3..);
+        let gains = gains.into_iter().all(|(gain, i)| (i64::from(*gain) - unit(i)).abs() <= (unit(i) >> 20) + 2);
+        // squares in Q56: within a thousandth of one
+        let one = |v: &[i32; 3]| {
+            let square: i64 = v.iter().map(|x| i64::from(*x).pow(2) >> 4).sum();
+            (square - (1 << 56)).abs() <= 1 << 46
+        };
+        let along = |axis: Axis, v: &[i32; 3]| v[axis.index() % 3] > 1_000_000_000;
+        let screws = self.screws.iter().all(|s| one(&s.direction) && along(s.axis, &s.direction));
+        let turns = self.motors[3..].iter().all(|m| m.travel_lower < ANGLE_LIMIT && m.travel_upper > -ANGLE_LIMIT);
+        slides && gains && screws && turns && self.home_rotation.iter().all(one)
     }
 }
 

@@ -198,6 +198,10 @@ pub fn largest_lever_nm(calibration: &Calibration, pivot: [i32; 3]) -> u64 {
             *r = (p - from_sixteenths(*c)).signum() * to_nanometres(p - from_sixteenths(*c)) as i64;
         }
         let w = s.direction.map(i64::from);
+        // the law holds a lever in sixteenths of a nanometre in 32 bits, and it turns
+        if r.iter().any(|r| r.unsigned_abs() > 120_000_000) {
+            return u64::MAX;
+        }
         let across =
             [(w[1] * r[2] - w[2] * r[1]) >> 30, (w[2] * r[0] - w[0] * r[2]) >> 30, (w[0] * r[1] - w[1] * r[0]) >> 30];
         across.iter().map(|a| a.unsigned_abs().pow(2)).sum::<u64>().isqrt() + 3

@@ -42,6 +42,8 @@ pub struct Bounds {
     pub lowest: [i64; AXES],
     /// Highest motor position, Q32 steps, one half included.
     pub highest: [i64; AXES],
+    /// Motor positions at the two ends of the stretch, Q32 steps, one half included.
+    pub ends: [[i64; AXES]; 2],
     /// Bit n: motor n makes at least one step.
     pub steps: u8,
     /// Angular way of one path unit, nrad, summed over the rotary axes.
@@ -95,6 +97,7 @@ impl Bounds {
         };
         let mut last = at(path.from);
         (bounds.lowest, bounds.highest) = (last, last);
+        bounds.ends = [last, at(path.to)];
         for k in 1..=count {
             let motors = at(if k == count { path.to } else { path.from + stretch * k });
             for i in 0..AXES {

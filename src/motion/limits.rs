@@ -74,7 +74,11 @@ impl Limits {
         let own = &self.0[axis.index()];
         // the rotation-centre law holds sixteenths of a nanoradian in 32 bits
         let hard = if axis.is_rotary() && law.lever_nm() != 0 { ANGLE_LIMIT } else { COORDINATE_LIMIT };
-        if own.soft_on && own.homed { (own.soft_lower.max(-hard), own.soft_upper.min(hard)) } else { (-hard, hard) }
+        if own.soft_on && own.homed {
+            (own.soft_lower.clamp(-hard, hard), own.soft_upper.clamp(-hard, hard))
+        } else {
+            (-hard, hard)
+        }
     }
 
     /// Checks the coordinates that a move changes: one that stays may lie beyond, after a change of law.
@@ -92,10 +96,11 @@ impl Limits {
     }
 
     /// Checks what the motors do along a path: travel of the homed ones, and that all that step are enabled.
+    /// `starts_high`: the motion begins at the upper end of the stretch.
     ///
     /// # Errors
     /// -222 with the motor, its position and the end of its travel; 108 with the disabled axis.
-    pub fn check_motors(&self, law: &Law, bounds: &Bounds) -> Result<(), Error> {
+    pub fn check_motors(&self, law: &Law, bounds: &Bounds, starts_high: bool) -> Result<(), Error> {
         for axis in Axis::ALL {
             let i = axis.index();
             let own = &self.0[i];
@@ -105,9 +110,13 @@ impl Limits {
             if !own.homed {
                 continue;
             }
-            let (lowest, highest) = (bounds.lowest[i] >> 32, bounds.highest[i] >> 32);
-            if let Some((at, bound)) = own.leaves(lowest, law.step_q32(i)).or(own.leaves(highest, law.step_q32(i))) {
-                return Err(beyond(axis, at, bound, true));
+            let step = law.step_q32(i);
+            for extreme in [bounds.lowest[i] >> 32, bounds.highest[i] >> 32] {
+                // from beyond the travel, as after another calibration, the way back in is free
+                let stands = bounds.ends[usize::from(starts_high)][i] >> 32;
+                if let Some((at, bound)) = own.leaves(extreme, step).filter(|_| extreme != stands) {
+                    return Err(beyond(axis, at, bound, true));
+                }
             }
         }
         Ok(())
@@ -118,18 +127,24 @@ impl Limits {
     pub fn farthest(&self, law: &Law, rest: FinePose, axis: Axis, upwards: bool) -> i32 {
         let i = axis.index();
         let (lower, upper) = self.range(law, axis);
-        let here = rest.rounded().0[i].clamp(lower, upper);
-        let far = if upwards { upper } else { lower };
+        let here = rest.rounded().0[i];
+        let far = if upwards { upper.max(here) } else { lower.min(here) };
         let mut pose = rest;
+        let standing = law.motors(&pose, &mut Remembered::default()).floor().0;
         let mut reaches = |x: i32| {
             pose.0[i] = i64::from(x) << 32;
-            let motors = law.motors(&pose, &mut Remembered::default()).floor();
-            motors
-                .0
-                .iter()
-                .zip(&self.0)
-                .enumerate()
-                .all(|(m, (steps, own))| !own.homed || own.leaves(i64::from(*steps), law.step_q32(m)).is_none())
+            let motors = law.motors(&pose, &mut Remembered::default()).floor().0;
+            (0..AXES).all(|m| {
+                let (own, step) = (&self.0[m], law.step_q32(m));
+                let beyond = |steps: i32| own.leaves(i64::from(steps), step);
+                match (beyond(motors[m]), beyond(standing[m])) {
+                    _ if !own.homed => true,
+                    (None, _) => true,
+                    (Some(_), None) => false,
+                    // from beyond the travel, as after another calibration, the way back in is free
+                    (Some((at, end)), Some((stands, side))) => end == side && (at - end).abs() <= (stands - end).abs(),
+                }
+            })
         };
         // a rotation may take a motor out of its travel and back: the first end counts
         let way = i64::from(far) - i64::from(here);

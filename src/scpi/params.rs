@@ -201,7 +201,9 @@ impl<'m> Params<'m> {
             Ok(Displacement::Logical(value)) => {
                 within_coordinates(axis, value).map(|value| Displacement::Logical(value.into()))
             }
-            Ok(steps) => Ok(steps),
+            Ok(Displacement::Steps(steps)) => {
+                within_coordinates(axis, steps).map(|steps| Displacement::Steps(steps.into()))
+            }
             Err(number) => Err(Error::token(number, token)),
         }
     }

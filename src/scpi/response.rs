@@ -5,6 +5,7 @@
 //! go on, returns `Flow::More`, and is called again when there is room.
 
 use crate::units::Axis;
+pub use crate::units::decimal::axis_unit;
 use crate::units::decimal::{Dimension, Formatted, Unit};
 use core::fmt::{self, Write};
 use heapless::Vec;
@@ -254,11 +255,6 @@ impl Write for Response {
         self.put(text.as_bytes());
         Ok(())
     }
-}
-
-/// The unit of an axis's coordinate.
-pub const fn axis_unit(axis: Axis) -> Unit {
-    if axis.is_rotary() { Unit::ANGLE } else { Unit::LENGTH }
 }
 
 #[cfg(test)]

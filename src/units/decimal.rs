@@ -6,6 +6,7 @@
 //! within 2^-60 nrad of a tie (a tie itself cannot happen, pi is irrational), for every angle that fits i64.
 
 use crate::error::ErrorNumber;
+use crate::units::Axis;
 use core::fmt;
 
 /// Significant digits that are used: 10^30 < 2^100.
@@ -42,6 +43,11 @@ pub struct Unit {
     pub dimension: Dimension,
     /// 0 coordinate, 1 velocity (/s), 2 acceleration (/s2), 3 jerk (/s3).
     pub order: u8,
+}
+
+/// The unit of an axis's coordinate.
+pub const fn axis_unit(axis: Axis) -> Unit {
+    if axis.is_rotary() { Unit::ANGLE } else { Unit::LENGTH }
 }
 
 impl Unit {

@@ -27,7 +27,8 @@ mod condition {
 
 impl Instrument for Front {
     fn execute(&mut self, link: u8, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
-        if !call.query && self.is_busy_at_the_border() && call.command != C::Abort {
+        let stops = matches!(call.command, C::Abort | C::AxisStopImmediate | C::AxisStop | C::Stop);
+        if !call.query && !stops && self.is_busy_at_the_border() {
             return Ok(Flow::Wait);
         }
         match call.command {

@@ -11,7 +11,7 @@ use crate::units::{AXES, Axis, Pose};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Preload {
     /// Away from the wanted flank.
-    Away { axis: Axis, flank: Flank, back: Pose },
+    Away { axis: Axis, flank: Flank, away: Pose, back: Pose },
     /// Back onto it.
     Back,
 }
@@ -41,14 +41,15 @@ impl Front {
         let away = self.capability.law.forward(steps);
         self.planner.check(&self.capability, back, away)?;
         self.planner.go(away, None);
-        self.preload = Some(Preload::Away { axis, flank, back });
+        self.preload = Some(Preload::Away { axis, flank, away, back });
         Ok(())
     }
 
     pub(super) fn continue_preload(&mut self) {
         let at_rest = !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence;
         match self.preload {
-            Some(Preload::Away { axis, flank, back }) if at_rest => {
+            Some(Preload::Away { away, .. }) if at_rest && self.planner.rest().rounded() != away => self.preload = None,
+            Some(Preload::Away { axis, flank, back, .. }) if at_rest => {
                 // having come this far, it rests on the other flank for certain
                 let known = Action::Flank { motor: axis.index() as u8, flank: Some(flank.opposite()) };
                 if self.order(known).is_ok() {

@@ -15,7 +15,7 @@ pub use dry_run::Check;
 use flanks::Preload;
 
 use super::border::{Action, Order, Report};
-use crate::compensation::backlash::Flank;
+use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
 use crate::error::{Error, ErrorNumber};
@@ -31,6 +31,8 @@ pub const PIVOTS: usize = 8;
 pub const LEVER_LIMIT_NM: u64 = 60_000_000;
 /// Orders that may wait to be taken to the generator.
 pub const ORDERS: usize = 24;
+/// Orders that may be unanswered: a report tells the fate of the last 32.
+const UNANSWERED: u16 = 31;
 /// Segments between the last generated one and the first that a new track may use; more after a refusal.
 const LEAD: u64 = 2;
 const LEAD_MAX: u64 = 64;
@@ -85,6 +87,8 @@ pub struct Front {
     hold: Option<u16>,
     /// Where the motors stand by an anchor that is not answered yet.
     anchor: Option<Anchored>,
+    /// Backlash configurations that the generator has been told.
+    told: [Option<PlayConfig>; AXES],
     /// Settings were set back during an abort: what follows from them is still to be ordered.
     reset_due: bool,
 }
@@ -134,6 +138,7 @@ impl Front {
             late_error: None,
             hold: None,
             anchor: None,
+            told: [None; AXES],
             reset_due: false,
         };
         front.refresh();
@@ -172,6 +177,7 @@ impl Front {
             self.orders.clear();
             self.preload = None;
             // what was ordered while it moved may be lost
+            self.told = [None; AXES];
             let _ = self.refresh_plays();
             self.stand_at(report.final_steps);
             if core::mem::take(&mut self.reset_due) {
@@ -209,7 +215,11 @@ impl Front {
         }
         let segment = self.report.next + self.lead;
         let (orders, sequence, aborts) = (&mut self.orders, &mut self.sequence, self.report.aborts);
+        let answered = self.report.answered;
         let result = self.planner.plan(&self.capability, segment, |proposal| {
+            if sequence.wrapping_sub(answered) >= UNANSWERED {
+                return None;
+            }
             *sequence = sequence.wrapping_add(1);
             let action = Action::Run { slot: proposal.slot, track: proposal.track };
             let order = Order { sequence: *sequence, segment: Some(proposal.segment), aborts, action };
@@ -249,9 +259,14 @@ impl Front {
             || self.report.answered != self.sequence
     }
 
+    /// Orders that the generator has not answered yet.
+    fn unanswered(&self) -> u16 {
+        self.sequence.wrapping_sub(self.report.answered)
+    }
+
     /// True while orders are on their way that a further change must wait for.
     pub fn is_busy_at_the_border(&self) -> bool {
-        self.abort != Abort::None || self.orders.len() > ORDERS - 2 * AXES || self.planner.is_about_to_stop()
+        self.abort != Abort::None || self.unanswered() > UNANSWERED - 2 * AXES as u16 || self.planner.is_about_to_stop()
     }
 
     /// True until everything that moves, or waits to move, has come to rest in the words played.
@@ -281,9 +296,9 @@ impl Front {
         self.capability.law.forward(self.report.steps)
     }
 
-    /// Where the axes are at last to stand.
+    /// Where the axes are at last to stand; a jog has no target, and is where it is.
     pub fn commanded(&self) -> Pose {
-        self.planner.commanded()
+        self.planner.commanded(self.report.next)
     }
 
     /// Motor counts really played, overlay included.

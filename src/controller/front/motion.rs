@@ -6,9 +6,15 @@ use crate::motion::planner::Desire;
 use crate::units::{AXES, Axis, Pose, SEGMENT_NS};
 
 impl Front {
-    /// While an immediate stop is carried out, nobody knows yet from where a move would start.
-    pub(super) fn not_aborting(&self) -> Result<(), Error> {
-        if self.abort == Abort::None { Ok(()) } else { Err(refuse(ErrorNumber::Moving)) }
+    /// While an immediate stop is carried out, nobody knows yet from where a move would start; a take-up on command
+    /// is not to be disturbed.
+    fn free_to_move(&self) -> Result<(), Error> {
+        if self.abort == Abort::None && self.preload.is_none() { Ok(()) } else { Err(refuse(ErrorNumber::Moving)) }
+    }
+
+    /// A jog has no target that a relative move could begin from.
+    fn not_jogging(&self, axis: Axis) -> Result<(), Error> {
+        if self.planner.is_jogging(axis) { Err(Error::axis(ErrorNumber::Moving, axis)) } else { Ok(()) }
     }
 
     pub(super) fn ready(&self, axis: Axis) -> Result<(), Error> {
@@ -33,13 +39,14 @@ impl Front {
     /// Moves one axis by a distance from its commanded coordinate; needs no homing.
     ///
     /// # Errors
-    /// 108, -222: nothing moves.
+    /// 104 while it jogs, 108, -222: nothing moves.
     pub fn move_relative(&mut self, axis: Axis, by: i64) -> Result<(), Error> {
+        self.not_jogging(axis)?;
         self.move_axis(axis, i64::from(self.commanded().0[axis.index()]).saturating_add(by))
     }
 
     fn move_axis(&mut self, axis: Axis, to: i64) -> Result<(), Error> {
-        self.not_aborting()?;
+        self.free_to_move()?;
         self.capability.limits.check_coordinate(&self.capability.law, axis, to)?;
         let i = axis.index();
         let from = self.commanded();
@@ -75,8 +82,9 @@ impl Front {
     /// Moves all axes by distances from their commanded coordinates; needs no homing.
     ///
     /// # Errors
-    /// 108, -222: nothing moves.
+    /// 104 while an axis jogs, 108, -222: nothing moves.
     pub fn pose_relative(&mut self, by: [i64; AXES]) -> Result<(), Error> {
+        Axis::ALL.into_iter().try_for_each(|axis| self.not_jogging(axis))?;
         let mut target = by;
         for (t, from) in target.iter_mut().zip(self.commanded().0) {
             *t = t.saturating_add(i64::from(from));
@@ -86,7 +94,7 @@ impl Front {
     }
 
     fn go(&mut self, target: Pose) -> Result<(), Error> {
-        self.not_aborting()?;
+        self.free_to_move()?;
         match self.legs(self.commanded(), target)? {
             Some(over) => self.planner.go(over, Some(target)),
             None => self.planner.go(target, None),
@@ -154,16 +162,16 @@ impl Front {
             self.stop(axis);
             return Ok(());
         }
-        self.not_aborting()?;
+        self.free_to_move()?;
         if !self.enabled[i] {
             return Err(Error::axis(ErrorNumber::AxisDisabled, axis));
         }
-        let most = self.motors()[i].velocity;
+        let most = self.settings.axes[i].velocity;
         if velocity.unsigned_abs() > most {
             let bound = if velocity < 0 { -(most as i64) } else { most as i64 };
             return Err(Error {
                 number: ErrorNumber::DataOutOfRange,
-                detail: Detail::Limit { axis, value: velocity, bound, motor: true },
+                detail: Detail::Speed { axis, value: velocity, bound },
             });
         }
         let upwards = velocity > 0;
@@ -187,7 +195,9 @@ impl Front {
 
     /// Decelerates an axis, and every coordinated move that it belongs to.
     pub fn stop(&mut self, axis: Axis) {
-        self.preload = None;
+        if self.preload.take().is_some() {
+            self.planner.stop_coordinated();
+        }
         self.planner.stop(axis);
         self.jog_links[axis.index()] = None;
     }

@@ -173,13 +173,16 @@ impl Front {
         self.capability.override_percent = self.settings.override_percent;
     }
 
-    /// The same, and the generator's backlash configuration.
+    /// The same, and the generator's backlash configuration where it changes.
     pub(super) fn refresh_plays(&mut self) -> Result<(), Error> {
         self.refresh();
         let motors = self.motors();
         for (i, motor) in motors.iter().enumerate() {
             let config = self.settings.axes[i].play(motor, self.settings.switches, self.report.overlay[i]);
-            self.order(Action::Play { motor: i as u8, config })?;
+            if self.told[i] != Some(config) {
+                self.order(Action::Play { motor: i as u8, config })?;
+                self.told[i] = Some(config);
+            }
         }
         Ok(())
     }

@@ -176,7 +176,7 @@ impl Planner {
             return Ok(());
         }
         let path = Path { origin: rest, direction, from: 0, to: PATH_ONE };
-        let asking = Asking { path: &path, region: &path, slot: SLOTS, segment, single: false };
+        let asking = Asking { path: &path, region: &path, slot: SLOTS, segment, single: false, starts_high: false };
         let Some(grant) = self.grant(capability, &asking)? else {
             return Ok(());
         };
@@ -264,7 +264,8 @@ impl Planner {
         } else {
             path
         };
-        let asking = Asking { path: &path, region: &region, slot: i, segment, single: true };
+        let asking =
+            Asking { path: &path, region: &region, slot: i, segment, single: true, starts_high: goal < state.position };
         let granted = self.grant(capability, &asking)?;
         let grant = match (&running, granted) {
             (None, None) => return Ok(()),

@@ -154,18 +154,25 @@ impl Planner {
         rest
     }
 
-    /// The commanded pose: where the axes are at last to stand.
-    pub fn commanded(&self) -> Pose {
-        let mut pose = self.rest().rounded();
+    /// The commanded pose: where the axes are at last to stand. A jog has no target: where it is at `segment`.
+    pub fn commanded(&self, segment: u64) -> Pose {
+        let mut rest = self.rest();
+        for active in self.slots.iter().filter_map(Slot::latest).filter(|a| a.jog && !a.stopping) {
+            let elapsed = segment.saturating_sub(active.start).min(u64::from(u32::MAX)) as u32;
+            let now = active.track.contribution(elapsed, &mut 0);
+            for (u, (now, end)) in rest.0.iter_mut().zip(now.iter().zip(&active.track.end)) {
+                *u += now - end;
+            }
+        }
+        let mut pose = rest.rounded();
         if let Some(goal) = self.then_goal.or(self.goal) {
             pose = goal;
         }
         for (i, desire) in self.desires.iter().enumerate() {
             match (desire, self.then[i]) {
                 (Desire::Position(x, then), _) => pose.0[i] = then.unwrap_or(*x),
-                (Desire::Jog { limit, .. }, _) => pose.0[i] = *limit,
                 (Desire::None, Some(x)) => pose.0[i] = x,
-                (Desire::None, None) => {}
+                (Desire::Jog { .. } | Desire::None, _) => {}
             }
         }
         pose
@@ -339,7 +346,7 @@ impl Planner {
             return Ok(DryRun::default());
         }
         let path = Path { origin: rest, direction, from: 0, to: PATH_ONE };
-        let asking = Asking { path: &path, region: &path, slot: SLOTS, segment: 0, single: false };
+        let asking = Asking { path: &path, region: &path, slot: SLOTS, segment: 0, single: false, starts_high: false };
         let Some(grant) = Planner::at_rest(from).grant(capability, &asking)? else {
             return Err(unplannable());
         };

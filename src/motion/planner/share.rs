@@ -23,6 +23,8 @@ pub(super) struct Asking<'a> {
     pub segment: u64,
     /// It leaves a little to the others.
     pub single: bool,
+    /// The motion begins at the upper end of the way.
+    pub starts_high: bool,
 }
 
 /// What the running tracks leave.
@@ -43,7 +45,7 @@ impl Planner {
     pub(super) fn grant(&self, capability: &Capability, asking: &Asking<'_>) -> Result<Option<Grant>, Error> {
         let Capability { law, motors, wanted, limits, .. } = capability;
         let way = Bounds::along(law, asking.path, 0);
-        limits.check_motors(law, &way)?;
+        limits.check_motors(law, &way, asking.starts_high)?;
         if !self.is_clear(capability, asking, &way) {
             return Ok(None);
         }
@@ -146,7 +148,7 @@ impl Planner {
                 return false;
             }
         }
-        limits.check_motors(law, &way).is_ok()
+        limits.check_motors(law, &way, asking.starts_high).is_ok()
     }
 
     /// A new track turns: what the others do is bent by so much more from now on.
