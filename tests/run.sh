@@ -54,11 +54,13 @@ host_sim() {
 # ---- the stages ----
 
 stage_fmt() { # Formatting
+    cargo fmt --version || skip "install rustfmt: rustup component add rustfmt"
     cargo fmt --all --check
     cargo fmt --manifest-path fuzz/Cargo.toml --check
 }
 
 stage_clippy() { # Clippy without warnings
+    cargo clippy --version || skip "install clippy: rustup component add clippy"
     cargo clippy -q --all-targets -- -D warnings
 }
 
@@ -69,6 +71,7 @@ stage_doc() { # Documentation without warnings
 stage_no_std() { # The library builds with no operating system
     local target
     target=$(rustup target list --installed 2>/dev/null | grep -- '-none' | head -n 1 || true)
+    [ -n "$target" ] || ! timeout 120 rustup target add thumbv7em-none-eabihf || target=thumbv7em-none-eabihf
     if [ -z "$target" ]; then
         cargo check -q -p stage-controller --lib
         skip "no bare-metal target, checked for this machine only: rustup target add thumbv7em-none-eabihf"
@@ -129,6 +132,7 @@ stage_clients() { # PyVISA over a socket and over a serial port
 }
 
 stage_fuzz() { # Any bytes, any calibration block
+    command -v python3 >/dev/null || skip "install python3"
     cargo +nightly --version || skip "no nightly Rust: rustup toolchain install nightly"
     cargo fuzz --version || cargo install cargo-fuzz --locked || skip "cargo-fuzz cannot be installed"
     host_sim
@@ -157,7 +161,7 @@ passed=0 failed=0 skipped=0
 # How many tests a log tells of: passed, failed, skipped. Nothing for a stage that is one test.
 count() {
     awk '
-        /^test result: /                      { p += $4; f += $6; s += $8; any = 1 }
+        /^test result: /                      { p += $4; f += $6; s += $8; any = 1; next }
         / (passed|failed|skipped|error).* in [0-9.]+s/ {
             for (i = 2; i <= NF; i++) {
                 if ($i ~ /^passed/) p += $(i - 1)

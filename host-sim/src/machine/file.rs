@@ -2,10 +2,36 @@
 
 use super::{Drive, LARGEST_STATIC, Machine, MachineError, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING, StaticErrors};
 use serde::Deserialize;
-use stage_controller::units::{AXES, Axis};
+use stage_controller::units::{AXES, Axis, COORDINATE_LIMIT};
 use std::f64::consts::PI;
 
 const NRAD_PER_DEG: f64 = PI / 180.0 * 1e9;
+/// Widest play in steps that the calibration block takes.
+const LARGEST_BACKLASH_STEPS: f64 = 1_048_576.0;
+/// Largest velocity, acceleration or jerk, nm or nrad per s, s^2, s^3; each has its own smaller limit in the block.
+const LARGEST_RATE: f64 = 1e15;
+/// Farthest that a position in the file may lie, um: a sixteenth of a nanometre of it fits 31 bits.
+const FARTHEST_UM: f64 = 67_000.0;
+
+/// So many numbers, no fewer and no more.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(try_from = "Vec<f64>")]
+struct Row<const N: usize>([f64; N]);
+
+impl<const N: usize> Default for Row<N> {
+    fn default() -> Self {
+        Row([0.0; N])
+    }
+}
+
+impl<const N: usize> TryFrom<Vec<f64>> for Row<N> {
+    type Error = String;
+
+    fn try_from(numbers: Vec<f64>) -> Result<Self, String> {
+        let written = format!("{numbers:?}");
+        numbers.try_into().map(Row).map_err(|_| format!("{written} must be {N} numbers"))
+    }
+}
 
 /// A machine file as written: keys and units of the file, unchecked. Becomes a [`Machine`] by `try_into`.
 #[derive(Clone, Debug, Deserialize)]
@@ -13,7 +39,7 @@ const NRAD_PER_DEG: f64 = PI / 180.0 * 1e9;
 pub struct MachineFile {
     name: String,
     order: Vec<String>,
-    fibre_point_um: [f64; 3],
+    fibre_point_um: Row<3>,
     #[serde(default)]
     axis_offset_um: Offsets,
     #[serde(default)]
@@ -25,12 +51,12 @@ pub struct MachineFile {
 #[serde(deny_unknown_fields, default)]
 #[allow(non_snake_case)]
 struct Offsets {
-    X: [f64; 3],
-    Y: [f64; 3],
-    Z: [f64; 3],
-    alpha: [f64; 3],
-    beta: [f64; 3],
-    gamma: [f64; 3],
+    X: Row<3>,
+    Y: Row<3>,
+    Z: Row<3>,
+    alpha: Row<3>,
+    beta: Row<3>,
+    gamma: Row<3>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -50,7 +76,7 @@ struct Stages {
 struct LinearStage {
     step_nm: f64,
     backlash_nm: f64,
-    travel_um: [f64; 2],
+    travel_um: Row<2>,
     max_velocity_um_s: f64,
     max_acceleration_um_s2: f64,
     max_jerk_um_s3: f64,
@@ -61,7 +87,7 @@ struct LinearStage {
 struct RotaryStage {
     step_nrad: f64,
     backlash_nrad: f64,
-    travel_deg: [f64; 2],
+    travel_deg: Row<2>,
     max_velocity_deg_s: f64,
     max_acceleration_deg_s2: f64,
     max_jerk_deg_s3: f64,
@@ -79,12 +105,12 @@ struct Written {
 impl Written {
     fn linear(axis: Axis, s: &LinearStage) -> Self {
         let rates = [s.max_velocity_um_s, s.max_acceleration_um_s2, s.max_jerk_um_s3];
-        Written { axis, step: s.step_nm, backlash: s.backlash_nm, travel: s.travel_um, rates }
+        Written { axis, step: s.step_nm, backlash: s.backlash_nm, travel: s.travel_um.0, rates }
     }
 
     fn rotary(axis: Axis, s: &RotaryStage) -> Self {
         let rates = [s.max_velocity_deg_s, s.max_acceleration_deg_s2, s.max_jerk_deg_s3];
-        Written { axis, step: s.step_nrad, backlash: s.backlash_nrad, travel: s.travel_deg, rates }
+        Written { axis, step: s.step_nrad, backlash: s.backlash_nrad, travel: s.travel_deg.0, rates }
     }
 
     fn key(&self, quantity: &str, per: &str) -> String {
@@ -99,19 +125,22 @@ impl Written {
             let reason = format!("a step must be at least {SMALLEST_STEP} and below {STEP_LIMIT}");
             return Err(MachineError::value(self.key("step", ""), self.step, reason));
         }
-        if !(self.backlash.is_finite() && self.backlash >= 0.0) {
-            let reason = "a backlash must be zero or positive";
+        if !(0.0..=LARGEST_BACKLASH_STEPS * self.step).contains(&self.backlash) {
+            let reason = format!("a backlash must be zero or positive, at most {LARGEST_BACKLASH_STEPS} steps");
             return Err(MachineError::value(self.key("backlash", ""), self.backlash, reason));
         }
         let [lower, upper] = self.travel;
-        if !(lower.is_finite() && upper.is_finite() && lower < upper) {
-            let reason = "the lower end of the travel must be below the upper";
+        let reach = f64::from(COORDINATE_LIMIT) / scale;
+        if !(lower < upper && lower >= -reach && upper <= reach) {
+            let reason = format!("the lower end of the travel must be below the upper, both within {reach:.0}");
             return Err(MachineError::value(self.key("travel", ""), format!("[{lower}, {upper}]"), reason));
         }
         let names = [("max_velocity", "_s"), ("max_acceleration", "_s2"), ("max_jerk", "_s3")];
         for ((quantity, per), rate) in names.into_iter().zip(self.rates) {
-            if !(rate.is_finite() && rate > 0.0) {
-                return Err(MachineError::value(self.key(quantity, per), rate, "a rate must be positive"));
+            // the block counts whole nm or nrad per s, s^2, s^3
+            if !(rate * scale >= 1.0 && rate * scale <= LARGEST_RATE) {
+                let reason = format!("a rate must be at least {:e} and at most {:e}", 1.0 / scale, LARGEST_RATE / scale);
+                return Err(MachineError::value(self.key(quantity, per), rate, reason));
             }
         }
         let [velocity, acceleration, jerk] = self.rates.map(|rate| rate * scale);
@@ -137,10 +166,10 @@ impl TryFrom<MachineFile> for Machine {
         }
         let order = parse_order(&file.order)?;
         let position = |key: &str, um: [f64; 3]| {
-            if um.iter().all(|v| v.is_finite()) {
+            if um.iter().all(|v| v.abs() <= FARTHEST_UM) {
                 Ok(um.map(|v| v * 1e3))
             } else {
-                Err(MachineError::value(key, format!("{um:?}"), "a position must be finite"))
+                Err(MachineError::value(key, format!("{um:?}"), "a position must be a number within +-67000 um"))
             }
         };
         let offsets = &file.axis_offset_um;
@@ -148,7 +177,7 @@ impl TryFrom<MachineFile> for Machine {
         let mut axis_offset_nm = [[0.0; 3]; AXES];
         for axis in Axis::ALL {
             let key = format!("axis_offset_um.{}", axis.name());
-            axis_offset_nm[axis.index()] = position(&key, written[axis.index()])?;
+            axis_offset_nm[axis.index()] = position(&key, written[axis.index()].0)?;
         }
         for (name, value) in StaticErrors::NAMES.into_iter().zip(file.static_rad.values()) {
             if !(-LARGEST_STATIC..=LARGEST_STATIC).contains(&value) {
@@ -166,7 +195,7 @@ impl TryFrom<MachineFile> for Machine {
             Written::rotary(Axis::Gamma, &stages.gamma).check()?,
         ];
         Ok(Machine {
-            fibre_point_nm: position("fibre_point_um", file.fibre_point_um)?,
+            fibre_point_nm: position("fibre_point_um", file.fibre_point_um.0)?,
             name: file.name,
             order,
             axis_offset_nm,

@@ -22,37 +22,17 @@ pub fn block(machine: &Machine) -> Vec<u8> {
     block[..length].to_vec()
 }
 
-/// Rounding noise of the law's unrounded targets, in steps of each motor: the largest third difference along
-/// straight lines, on which the true one is nothing, over 8; times four, since so few samples miss the largest.
+/// How far rounding may put an unrounded target from the smooth law, in steps of each motor, from the widths of the
+/// numbers: per screw the sine in Q33 (one and a half units), angles in 1/16 nrad, versines in Q35, each times the
+/// lever, and levers and cross products in 1/16 nm times the sine of 7.69 degrees; three screws, rows of at most 1.1;
+/// coordinates in 2^-16 nm. At short strides this is far more than the limits; from 16 segments on, a few percent.
 pub fn noise(machine: &Machine, law: &Law) -> [f64; AXES] {
-    let mut largest = [0i64; AXES];
-    let mut random = Seeded::new(5);
-    for n in 0..104 {
-        let range = |i: usize| machine.drives[i].travel[1].min(25e6) * 0.95;
-        let mut pose =
-            FinePose(std::array::from_fn(|i| ((random.below(2 * range(i) as u64) as i64) - range(i) as i64) << 32));
-        // up to 8 um or urad a segment: the true third difference stays below 10^-7 nm
-        let most = 8_000u64 << 32 >> (n % 13);
-        let by: [i64; AXES] = std::array::from_fn(|_| random.below(2 * most) as i64 - most as i64);
-        let mut last = [[0i64; AXES]; 3];
-        for n in 0..60 {
-            for (u, by) in pose.0.iter_mut().zip(by) {
-                *u += by;
-            }
-            let m = law.motors(&pose, &mut Remembered::default()).0;
-            for i in 0..AXES {
-                if n > 3 {
-                    let third = m[i] - 3 * last[0][i] + 3 * last[1][i] - last[2][i];
-                    largest[i] = largest[i].max(third.abs());
-                }
-            }
-            last = [m, last[0], last[1]];
-        }
-    }
+    let lever = law.lever_nm() as f64;
+    let screw = lever * (1.5 / 2f64.powi(33) + 0.5 / 16e9 + 0.5 / 2f64.powi(35)) + 0.01;
+    let pivot = if lever > 0.0 { 3.3 * screw } else { 0.0 };
     std::array::from_fn(|i| {
-        // sixteenths of a nanometre of lever times the sine of an angle are easily missed: 2^-9 nm at least
-        let least = if i < 3 && law.lever_nm() > 0 { 1.0 / 512.0 / machine.drives[i].step } else { 0.0 };
-        least.max(4.0 * largest[i] as f64 / 8.0 / 4_294_967_296.0) + 1.0 / 65_536.0
+        let units = if i < 3 { pivot + 1.0 / 16_384.0 } else { 2e-3 };
+        units / machine.drives[i].step + 1.0 / 65_536.0
     })
 }
 
