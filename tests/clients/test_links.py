@@ -50,6 +50,40 @@ def test_a_client_that_vanishes_while_it_waits_leaves_the_move_alone(paced, conn
     assert pose(other)[0] == pytest.approx(200, abs=0.05)
 
 
+@pytest.mark.parametrize("pause", [0, 0.1])
+def test_the_next_client_of_a_terminal_gets_only_its_own_answers(fast, pause):
+    port = os.open(fast.pty[0], os.O_RDWR | os.O_NOCTTY)
+    time.sleep(0.1)
+    os.write(port, b"*IDN?\n" * 50)
+    time.sleep(0.1)
+    os.close(port)
+    time.sleep(0.1)
+    port = os.open(fast.pty[0], os.O_RDWR | os.O_NOCTTY)
+    time.sleep(pause)
+    os.write(port, b"SYST:ERR:COUN?\n*ESE?\n")
+    time.sleep(0.1)
+    assert os.read(port, 4096) == b"0\n0\n"
+    os.close(port)
+
+
+@pytest.mark.parametrize(("speed", "boards"), [("1000", 1), ("1000", 8), ("max", 8), ("1", 8)])
+def test_an_answer_comes_soon_at_any_speed(start, connect, speed, boards):
+    server = start("--speed", speed, "--boards", str(boards), boards=boards)
+    links = [connect(server, "tcp", board) for board in range(boards)]
+    for busy in (False, True):
+        took = []
+        for n in range(60):
+            if busy and n % 10 == 0:
+                for link in links:
+                    link.query(f"POSE {-4000 if n % 20 else 4000},1000,1000,0.5,0.5,0.5;*ESE?")
+            begin = time.monotonic()
+            links[n % boards].query("SYST:ERR:COUN?")
+            took.append(time.monotonic() - begin)
+        print(f"busy: {busy}, median {sorted(took)[30] * 1e3:.1f} ms, most {max(took) * 1e3:.1f} ms")
+        # the machine may do something else for once
+        assert sorted(took)[30] < 0.02 and sorted(took)[-4] < 0.04
+
+
 def test_many_clients_come_and_go(fast, connect):
     for _ in range(50):
         client = raw_socket(fast)

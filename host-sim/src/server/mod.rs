@@ -3,6 +3,8 @@
 //! # Design
 //! One thread, one loop: bytes in, commands, segments of virtual time, bytes out. Bytes that a session refuses stay
 //! with the link and are offered again. At `--speed max` virtual time stands still while nothing moves.
+//!
+//! Virtual time that does not fit a turn is made up for later or given up: clients come first.
 
 mod link;
 mod pty;
@@ -15,6 +17,8 @@ use mio::{Events, Poll};
 use std::io;
 use std::time::{Duration, Instant};
 
+/// Longest time that virtual time takes in one turn over all boards: clients wait for it.
+const TURN: Duration = Duration::from_millis(6);
 /// How often the live line is renewed.
 const STATUS_EVERY: Duration = Duration::from_millis(200);
 /// Longest sleep while something moves: a few segments.
@@ -33,12 +37,13 @@ pub fn serve(
     stop: impl Fn() -> bool,
 ) -> io::Result<()> {
     let start = Instant::now();
+    let budget = TURN / stations.len().max(1) as u32;
     let mut events = Events::with_capacity(64);
     let mut next_status = start;
     while !stop() {
         let mut busy = false;
         for station in stations.iter_mut() {
-            busy |= station.turn(start.elapsed());
+            busy |= station.turn(start.elapsed(), budget);
         }
         if Instant::now() >= next_status {
             let lines: Vec<_> = stations.iter().map(Station::status).collect();

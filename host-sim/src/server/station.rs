@@ -14,14 +14,16 @@ use stage_controller::units::{Axis, SEGMENT_NS};
 use std::io;
 use std::net::SocketAddr;
 use std::os::fd::{AsFd, AsRawFd};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Links of a board: sockets and the serial port.
 const LINKS: usize = 9;
-/// Segments in one turn at full speed: a few milliseconds of wall time.
+/// Most segments in one turn at full speed.
 const FLAT_OUT_SEGMENTS: u64 = 4000;
 /// Virtual time that a late turn makes up for; beyond, it is given up.
 const CATCH_UP: Duration = Duration::from_millis(250);
+/// Segments between two looks at the clock.
+const SEGMENTS_PER_LOOK: u64 = 16;
 const IDLE_TOKEN: Token = Token(0);
 
 /// How virtual time runs.
@@ -63,6 +65,8 @@ pub struct Station {
     speed: Speed,
     /// Wall time up to which virtual time has run.
     reached: Duration,
+    /// The last turn did not catch up with wall time.
+    late: bool,
     seen: (u8, u8, bool),
 }
 
@@ -93,6 +97,7 @@ impl Station {
             pty,
             speed: options.speed,
             reached: Duration::ZERO,
+            late: false,
             seen: (0, 0, true),
         })
     }
@@ -110,18 +115,20 @@ impl Station {
         self.pty.as_mut().map(|(stream, _)| stream.get_mut().path().to_owned())
     }
 
-    /// True when virtual time runs as fast as it can.
+    /// True when virtual time runs as fast as it can, or lags behind.
     pub fn is_flat_out(&self) -> bool {
-        self.speed == Speed::Max
+        self.speed == Speed::Max || self.late
     }
 
-    /// One turn of the loop at this wall time; true while something moves or waits.
-    pub fn turn(&mut self, wall: Duration) -> bool {
+    /// One turn of the loop at this wall time, of which virtual time may take `budget`; true while something moves or
+    /// waits.
+    pub fn turn(&mut self, wall: Duration, budget: Duration) -> bool {
         let now_ms = wall.as_millis() as u64;
         self.accept(now_ms);
         self.read(now_ms);
         let executed = self.links.poll(&mut self.board.front, now_ms);
-        self.advance(wall);
+        self.write();
+        self.advance(wall, budget);
         self.observe();
         self.links.poll(&mut self.board.front, now_ms);
         self.write();
@@ -186,11 +193,13 @@ impl Station {
         }
     }
 
-    fn advance(&mut self, wall: Duration) {
+    fn advance(&mut self, wall: Duration, budget: Duration) {
+        let start = Instant::now();
+        let is_over = |n: u64| n % SEGMENTS_PER_LOOK == SEGMENTS_PER_LOOK - 1 && start.elapsed() >= budget;
         match self.speed {
             Speed::Max => {
-                for _ in 0..FLAT_OUT_SEGMENTS {
-                    if !self.board.front.operation_pending() {
+                for n in 0..FLAT_OUT_SEGMENTS {
+                    if !self.board.front.operation_pending() || is_over(n) {
                         break;
                     }
                     self.step();
@@ -201,10 +210,13 @@ impl Station {
                     self.reached = wall - CATCH_UP;
                 }
                 let segment = Duration::from_nanos((SEGMENT_NS as f64 / factor) as u64).max(Duration::from_nanos(1));
-                while self.reached + segment <= wall {
+                let mut n = 0;
+                while self.reached + segment <= wall && !is_over(n) {
                     self.reached += segment;
                     self.step();
+                    n += 1;
                 }
+                self.late = self.reached + segment <= wall;
             }
         }
     }
