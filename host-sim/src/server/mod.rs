@@ -4,7 +4,9 @@
 //! One thread, one loop: bytes in, commands, segments of virtual time, bytes out. Bytes that a session refuses stay
 //! with the link and are offered again. At `--speed max` virtual time stands still while nothing moves.
 //!
-//! Virtual time that does not fit a turn is made up for later or given up: clients come first.
+//! A client that sends no more (end of file, hang-up) keeps its link until what it has sent is executed and answered,
+//! or waits for motion; its jogs end at once. Virtual time that does not fit a turn is made up for later or given up:
+//! clients come first. A terminal that is opened again before its hang-up is seen goes on with the same link.
 
 mod link;
 mod pty;
