@@ -99,6 +99,7 @@ def test_the_loader_of_the_tool_loads(fast, connect, host_sim, block_of, tmp_pat
     host, port = fast.tcp[0]
     done = subprocess.run([host_sim, "load", str(path), "--to", f"tcp://{host}:{port}"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+    assert done.stdout.rstrip().endswith("in force until power-off.")
     assert connect(fast, "tcp").query("COMP:NAME?") == '"long-lever"'
 
 

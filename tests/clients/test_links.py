@@ -50,6 +50,114 @@ def test_a_client_that_vanishes_while_it_waits_leaves_the_move_alone(paced, conn
     assert pose(other)[0] == pytest.approx(200, abs=0.05)
 
 
+def send_and_close(server, transport, data):
+    if transport == "tcp":
+        with raw_socket(server) as client:
+            client.sendall(data)
+    else:
+        port = os.open(server.pty[0], os.O_RDWR | os.O_NOCTTY)
+        # raw mode is set once the server has seen the opening
+        time.sleep(0.1)
+        os.write(port, data)
+        os.close(port)
+        # and its hang-up
+        time.sleep(0.1)
+
+
+def read_to_the_end(client):
+    parts = []
+    while part := client.recv(4096):
+        parts.append(part)
+    return b"".join(parts)
+
+
+@pytest.mark.parametrize("count", [1, 1000])
+def test_a_client_that_sends_no_more_gets_its_answers(paced, count):
+    with raw_socket(paced) as client:
+        client.sendall(b"SYST:ERR:COUN?\n" * count)
+        client.shutdown(socket.SHUT_WR)
+        assert read_to_the_end(client) == b"0\n" * count
+
+
+@pytest.mark.parametrize("transport", ["tcp", "pty"])
+def test_what_was_sent_before_the_end_is_executed(paced, connect, transport):
+    # more than a link keeps, and more orders than are on their way at a time
+    lines = [f"AXIS2:MOVE {n};VEL {n + 100};:VEL?\n" for n in range(1, 101)]
+    send_and_close(paced, transport, "".join(lines).encode())
+    other = connect(paced, transport)
+    assert wait_until(lambda: float(other.query("AXIS2:POS:COMM?")) == 100)
+    assert float(other.query("AXIS2:VEL?")) == 200
+    assert other.query("*OPC?") == "1"
+    assert pose(other)[1] == pytest.approx(100, abs=0.05)
+
+
+def test_a_client_that_sends_no_more_and_waits_for_motion_is_closed(paced, connect):
+    with raw_socket(paced) as client:
+        client.sendall(b"AXIS1:VEL 100;MOVE 200;*IDN?\n*OPC?\nAXIS3:MOVE 10\n")
+        client.shutdown(socket.SHUT_WR)
+        start = time.monotonic()
+        assert read_to_the_end(client).startswith(b"Stage Controller")
+        assert time.monotonic() - start < 0.5
+    other = connect(paced, "tcp")
+    assert moving(other)
+    assert wait_until(lambda: not moving(other))
+    assert pose(other)[:3] == pytest.approx([200, 0, 0], abs=0.05)
+
+
+@pytest.mark.parametrize("tail", [b"", b"*IDN?\n" * 100, b"*WAI\n"])
+@pytest.mark.parametrize("transport", ["tcp", "pty"])
+def test_a_jog_ends_when_its_client_closes_at_once(paced, connect, transport, tail):
+    send_and_close(paced, transport, b"SYST:JOG:TIM 3600;:AXIS1:MOVE:JOG 100\n" + tail)
+    other = connect(paced, "tcp")
+    assert wait_until(lambda: not moving(other), 1)
+    time.sleep(0.2)
+    assert not moving(other) and abs(pose(other)[0]) < 50
+
+
+def test_a_jog_ends_when_its_client_sends_no_more_and_does_not_read(paced, connect):
+    with raw_socket(paced) as client:
+        client.sendall(b"SYST:JOG:TIM 3600;:AXIS1:MOVE:JOG 100\n" + b"SYST:HELP:HEAD?\n" * 400)
+        client.shutdown(socket.SHUT_WR)
+        other = connect(paced, "tcp")
+        assert wait_until(lambda: not moving(other), 1)
+        time.sleep(0.2)
+        assert not moving(other) and abs(pose(other)[0]) < 100
+
+
+@pytest.mark.parametrize("pause", [0, 0.1])
+def test_the_next_client_of_a_terminal_gets_only_its_own_answers(fast, pause):
+    port = os.open(fast.pty[0], os.O_RDWR | os.O_NOCTTY)
+    time.sleep(0.1)
+    os.write(port, b"*IDN?\n" * 50)
+    time.sleep(0.1)
+    os.close(port)
+    time.sleep(0.1)
+    port = os.open(fast.pty[0], os.O_RDWR | os.O_NOCTTY)
+    time.sleep(pause)
+    os.write(port, b"SYST:ERR:COUN?\n*ESE?\n")
+    time.sleep(0.1)
+    assert os.read(port, 4096) == b"0\n0\n"
+    os.close(port)
+
+
+@pytest.mark.parametrize(("speed", "boards"), [("1000", 1), ("1000", 8), ("max", 8), ("1", 8)])
+def test_an_answer_comes_soon_at_any_speed(start, connect, speed, boards):
+    server = start("--speed", speed, "--boards", str(boards), boards=boards)
+    links = [connect(server, "tcp", board) for board in range(boards)]
+    for busy in (False, True):
+        took = []
+        for n in range(60):
+            if busy and n % 10 == 0:
+                for link in links:
+                    link.query(f"POSE {-4000 if n % 20 else 4000},1000,1000,0.5,0.5,0.5;*ESE?")
+            begin = time.monotonic()
+            links[n % boards].query("SYST:ERR:COUN?")
+            took.append(time.monotonic() - begin)
+        print(f"busy: {busy}, median {sorted(took)[30] * 1e3:.1f} ms, most {max(took) * 1e3:.1f} ms")
+        # the machine may do something else for once
+        assert sorted(took)[30] < 0.02 and sorted(took)[-4] < 0.04
+
+
 def test_many_clients_come_and_go(fast, connect):
     for _ in range(50):
         client = raw_socket(fast)

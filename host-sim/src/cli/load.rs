@@ -47,7 +47,7 @@ impl Args {
         };
         match error.strip_prefix("0,") {
             Some(_) => {
-                println!("Loaded {loaded} ({} bytes); *SAV keeps it once the board can save.", block.len());
+                println!("Loaded {loaded} ({} bytes); in force until power-off.", block.len());
                 Ok(())
             }
             None => Err(Failure::Refused(format!("the controller says {error}\""))),

@@ -11,6 +11,8 @@ pub struct Stream<S> {
     stream: S,
     input: Vec<u8>,
     output: Vec<u8>,
+    /// Nobody reads any more: output is dropped.
+    deaf: bool,
 }
 
 /// What became of a stream.
@@ -18,6 +20,8 @@ pub struct Stream<S> {
 pub enum State {
     /// It goes on.
     Open,
+    /// The other side sends no more; it may still read. A broken pipe too: it had sent its end before it went.
+    Ended,
     /// The other side has gone.
     Gone,
 }
@@ -25,7 +29,7 @@ pub enum State {
 impl<S: Read + Write> Stream<S> {
     /// A stream with empty buffers.
     pub fn new(stream: S) -> Self {
-        Stream { stream, input: Vec::new(), output: Vec::new() }
+        Stream { stream, input: Vec::new(), output: Vec::new(), deaf: false }
     }
 
     /// Reads what there is, up to the read-ahead.
@@ -33,10 +37,14 @@ impl<S: Read + Write> Stream<S> {
         let mut chunk = [0; 2048];
         while self.input.len() < READ_AHEAD {
             match self.stream.read(&mut chunk) {
-                Ok(0) => return State::Gone,
+                Ok(0) => return State::Ended,
                 Ok(n) => self.input.extend_from_slice(&chunk[..n]),
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return State::Open,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
+                    self.deafen();
+                    return State::Ended;
+                }
                 Err(_) => return State::Gone,
             }
         }
@@ -55,6 +63,9 @@ impl<S: Read + Write> Stream<S> {
     pub fn drain(&mut self, mut give: impl FnMut(&mut [u8]) -> usize) -> State {
         let mut chunk = [0; 1024];
         loop {
+            if self.deaf {
+                self.output.clear();
+            }
             if self.output.is_empty() {
                 let n = give(&mut chunk);
                 if n == 0 {
@@ -62,11 +73,18 @@ impl<S: Read + Write> Stream<S> {
                 }
                 self.output.extend_from_slice(&chunk[..n]);
             }
+            if self.deaf {
+                continue;
+            }
             match self.stream.write(&self.output) {
                 Ok(0) => return State::Gone,
                 Ok(n) => drop(self.output.drain(..n)),
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return State::Open,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
+                    self.deafen();
+                    return State::Ended;
+                }
                 Err(_) => return State::Gone,
             }
         }
@@ -77,8 +95,20 @@ impl<S: Read + Write> Stream<S> {
         !self.input.is_empty()
     }
 
-    /// Forgets both buffers.
+    /// Output that the other side has not taken yet.
+    pub fn has_output(&self) -> bool {
+        !self.output.is_empty()
+    }
+
+    /// Nobody reads any more: output is dropped from now on.
+    pub fn deafen(&mut self) {
+        self.deaf = true;
+        self.output.clear();
+    }
+
+    /// As new: forgets both buffers.
     pub fn clear(&mut self) {
+        self.deaf = false;
         self.input.clear();
         self.output.clear();
     }

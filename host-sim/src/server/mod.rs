@@ -3,6 +3,10 @@
 //! # Design
 //! One thread, one loop: bytes in, commands, segments of virtual time, bytes out. Bytes that a session refuses stay
 //! with the link and are offered again. At `--speed max` virtual time stands still while nothing moves.
+//!
+//! A client that sends no more (end of file, hang-up) keeps its link until what it has sent is executed and answered,
+//! or waits for motion; its jogs end at once. Virtual time that does not fit a turn is made up for later or given up:
+//! clients come first. A terminal that is opened again before its hang-up is seen goes on with the same link.
 
 mod link;
 mod pty;
@@ -15,6 +19,8 @@ use mio::{Events, Poll};
 use std::io;
 use std::time::{Duration, Instant};
 
+/// Longest time that virtual time takes in one turn over all boards: clients wait for it.
+const TURN: Duration = Duration::from_millis(6);
 /// How often the live line is renewed.
 const STATUS_EVERY: Duration = Duration::from_millis(200);
 /// Longest sleep while something moves: a few segments.
@@ -33,12 +39,13 @@ pub fn serve(
     stop: impl Fn() -> bool,
 ) -> io::Result<()> {
     let start = Instant::now();
+    let budget = TURN / stations.len().max(1) as u32;
     let mut events = Events::with_capacity(64);
     let mut next_status = start;
     while !stop() {
         let mut busy = false;
         for station in stations.iter_mut() {
-            busy |= station.turn(start.elapsed());
+            busy |= station.turn(start.elapsed(), budget);
         }
         if Instant::now() >= next_status {
             let lines: Vec<_> = stations.iter().map(Station::status).collect();

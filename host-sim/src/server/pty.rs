@@ -5,11 +5,12 @@
 
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::pty::openpty;
-use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+use nix::sys::termios::{FlushArg, SetArg, cfmakeraw, tcflush, tcgetattr, tcsetattr};
 use nix::unistd::ttyname;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::os::fd::AsFd;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 /// Master side of a pseudo terminal.
@@ -58,10 +59,17 @@ impl Pty {
     fn opened(&mut self) {
         if !self.open {
             self.open = true;
-            // best effort: the client may have gone again
-            if let Ok(slave) = OpenOptions::new().read(true).write(true).open(&self.path) {
-                let _ = make_raw(&slave);
-            }
+            self.renew();
+        }
+    }
+
+    /// Raw mode, and without the answers that the last client has not read. What a client has written stays.
+    fn renew(&self) {
+        let flags = OFlag::O_NOCTTY.bits();
+        // best effort: the client may have gone again
+        if let Ok(slave) = OpenOptions::new().read(true).write(true).custom_flags(flags).open(&self.path) {
+            let _ = make_raw(&slave);
+            let _ = tcflush(&slave, FlushArg::TCIFLUSH);
         }
     }
 }
@@ -71,7 +79,10 @@ impl Read for Pty {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self.master.read(buffer) {
             Err(error) if error.raw_os_error() == Some(nix::errno::Errno::EIO as i32) => {
-                self.open = false;
+                if self.open {
+                    self.open = false;
+                    self.renew();
+                }
                 Ok(0)
             }
             result => {

@@ -8,20 +8,25 @@ use crate::session::power_up;
 use mio::net::{TcpListener, TcpStream};
 use mio::unix::SourceFd;
 use mio::{Interest, Poll, Token};
+use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use stage_controller::units::decimal::{Formatted, Unit};
 use stage_controller::units::{Axis, SEGMENT_NS};
-use std::io;
+use std::io::{self, Read, Write};
 use std::net::SocketAddr;
 use std::os::fd::{AsFd, AsRawFd};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Links of a board: sockets and the serial port.
 const LINKS: usize = 9;
-/// Segments in one turn at full speed: a few milliseconds of wall time.
+/// Most segments in one turn at full speed.
 const FLAT_OUT_SEGMENTS: u64 = 4000;
 /// Virtual time that a late turn makes up for; beyond, it is given up.
 const CATCH_UP: Duration = Duration::from_millis(250);
+/// Segments between two looks at the clock.
+const SEGMENTS_PER_LOOK: u64 = 16;
+/// Rounds of one turn for a client that leaves.
+const LAST_ROUNDS: usize = 64;
 const IDLE_TOKEN: Token = Token(0);
 
 /// How virtual time runs.
@@ -51,6 +56,16 @@ pub struct Options {
 struct Client {
     link: usize,
     stream: Stream<TcpStream>,
+    /// It sends no more.
+    leaving: bool,
+}
+
+struct Terminal {
+    stream: Stream<Pty>,
+    /// Its link while somebody has it open.
+    link: Option<usize>,
+    /// It was hung up.
+    leaving: bool,
 }
 
 /// One board with its links.
@@ -59,10 +74,12 @@ pub struct Station {
     links: Links<LINKS>,
     listener: TcpListener,
     clients: Vec<Client>,
-    pty: Option<(Stream<Pty>, Option<usize>)>,
+    pty: Option<Terminal>,
     speed: Speed,
     /// Wall time up to which virtual time has run.
     reached: Duration,
+    /// The last turn did not catch up with wall time.
+    late: bool,
     seen: (u8, u8, bool),
 }
 
@@ -81,7 +98,7 @@ impl Station {
             true => {
                 let pty = Pty::new()?;
                 poll.registry().register(&mut SourceFd(&pty.as_fd().as_raw_fd()), IDLE_TOKEN, Interest::READABLE)?;
-                Some((Stream::new(pty), None))
+                Some(Terminal { stream: Stream::new(pty), link: None, leaving: false })
             }
             false => None,
         };
@@ -93,6 +110,7 @@ impl Station {
             pty,
             speed: options.speed,
             reached: Duration::ZERO,
+            late: false,
             seen: (0, 0, true),
         })
     }
@@ -107,21 +125,24 @@ impl Station {
 
     /// Path of its pseudo terminal.
     pub fn terminal(&mut self) -> Option<std::path::PathBuf> {
-        self.pty.as_mut().map(|(stream, _)| stream.get_mut().path().to_owned())
+        self.pty.as_mut().map(|pty| pty.stream.get_mut().path().to_owned())
     }
 
-    /// True when virtual time runs as fast as it can.
+    /// True when virtual time runs as fast as it can, or lags behind.
     pub fn is_flat_out(&self) -> bool {
-        self.speed == Speed::Max
+        self.speed == Speed::Max || self.late
     }
 
-    /// One turn of the loop at this wall time; true while something moves or waits.
-    pub fn turn(&mut self, wall: Duration) -> bool {
+    /// One turn of the loop at this wall time, of which virtual time may take `budget`; true while something moves or
+    /// waits.
+    pub fn turn(&mut self, wall: Duration, budget: Duration) -> bool {
         let now_ms = wall.as_millis() as u64;
         self.accept(now_ms);
         self.read(now_ms);
         let executed = self.links.poll(&mut self.board.front, now_ms);
-        self.advance(wall);
+        self.part(now_ms);
+        self.write();
+        self.advance(wall, budget);
         self.observe();
         self.links.poll(&mut self.board.front, now_ms);
         self.write();
@@ -129,7 +150,9 @@ impl Station {
     }
 
     fn is_busy(&self) -> bool {
-        self.board.front.operation_pending() || self.clients.iter().any(|c| c.stream.has_input())
+        self.board.front.operation_pending()
+            || self.clients.iter().any(|c| c.stream.has_input() || c.leaving && !c.stream.has_output())
+            || self.pty.as_ref().is_some_and(|pty| pty.leaving)
     }
 
     fn accept(&mut self, now_ms: u64) {
@@ -137,7 +160,7 @@ impl Station {
             // without a link number left the socket is closed at once
             if let Some(link) = self.links.open(now_ms) {
                 let _ = stream.set_nodelay(true);
-                self.clients.push(Client { link, stream: Stream::new(stream) });
+                self.clients.push(Client { link, stream: Stream::new(stream), leaving: false });
             }
         }
     }
@@ -147,27 +170,55 @@ impl Station {
         clients.retain_mut(|client| {
             let state = client.stream.fill();
             client.stream.offer(|bytes| links.receive(client.link, bytes, now_ms));
-            // what came before the end is still executed, if it can be without waiting
-            if state == State::Gone {
-                links.poll(&mut board.front, now_ms);
-                links.close(client.link, &mut board.front);
+            match state {
+                State::Open => {}
+                State::Ended => client.leaving = true,
+                // a reset by our answers to somebody who has sent all and closed
+                State::Gone if client.leaving => client.stream.deafen(),
+                State::Gone => {
+                    // what came before the reset is still executed, if it can be without waiting
+                    links.poll(&mut board.front, now_ms);
+                    links.close(client.link, &mut board.front);
+                    return false;
+                }
             }
-            state == State::Open
+            true
         });
-        if let Some((stream, link)) = pty {
-            let state = stream.fill();
-            if state == State::Open && link.is_none() {
+        if let Some(Terminal { stream, link, leaving }) = pty {
+            // what the next one writes waits in the kernel until the link is free
+            let state = if *leaving { State::Open } else { stream.fill() };
+            if link.is_none() && (state == State::Open || stream.has_input()) {
                 *link = links.open(now_ms);
             }
             if let Some(n) = *link {
                 stream.offer(|bytes| links.receive(n, bytes, now_ms));
-                if state == State::Gone {
-                    links.poll(&mut board.front, now_ms);
-                    links.close(n, &mut board.front);
-                    stream.clear();
-                    *link = None;
-                }
             }
+            if state != State::Open {
+                stream.deafen();
+                *leaving = true;
+            }
+        }
+    }
+
+    /// Closes the links of those who send no more, once what they have sent is executed or waits for motion.
+    fn part(&mut self, now_ms: u64) {
+        let Station { board, links, clients, pty, .. } = self;
+        clients.retain_mut(|client| {
+            let done = client.leaving && finish(client.link, &mut client.stream, links, &mut board.front, now_ms);
+            if done {
+                links.close(client.link, &mut board.front);
+            }
+            !done
+        });
+        if let Some(Terminal { stream, link, leaving }) = pty
+            && *leaving
+            && link.is_none_or(|n| finish(n, stream, links, &mut board.front, now_ms))
+        {
+            if let Some(n) = link.take() {
+                links.close(n, &mut board.front);
+            }
+            stream.clear();
+            *leaving = false;
         }
     }
 
@@ -175,22 +226,26 @@ impl Station {
         let Station { board, links, clients, pty, .. } = self;
         clients.retain_mut(|client| {
             let state = client.stream.drain(|to| links.transmit(client.link, to));
-            if state == State::Gone {
+            // an end is seen by the read that has taken everything in front of it
+            let gone = state == State::Gone && !client.leaving;
+            if gone {
                 links.close(client.link, &mut board.front);
             }
-            state == State::Open
+            !gone
         });
-        if let Some((stream, Some(n))) = pty {
+        if let Some(Terminal { stream, link: Some(n), .. }) = pty {
             // a hang-up is seen by the next read
             let _ = stream.drain(|to| links.transmit(*n, to));
         }
     }
 
-    fn advance(&mut self, wall: Duration) {
+    fn advance(&mut self, wall: Duration, budget: Duration) {
+        let start = Instant::now();
+        let is_over = |n: u64| n % SEGMENTS_PER_LOOK == SEGMENTS_PER_LOOK - 1 && start.elapsed() >= budget;
         match self.speed {
             Speed::Max => {
-                for _ in 0..FLAT_OUT_SEGMENTS {
-                    if !self.board.front.operation_pending() {
+                for n in 0..FLAT_OUT_SEGMENTS {
+                    if !self.board.front.operation_pending() || is_over(n) {
                         break;
                     }
                     self.step();
@@ -201,10 +256,13 @@ impl Station {
                     self.reached = wall - CATCH_UP;
                 }
                 let segment = Duration::from_nanos((SEGMENT_NS as f64 / factor) as u64).max(Duration::from_nanos(1));
-                while self.reached + segment <= wall {
+                let mut n = 0;
+                while self.reached + segment <= wall && !is_over(n) {
                     self.reached += segment;
                     self.step();
+                    n += 1;
                 }
+                self.late = self.reached + segment <= wall;
             }
         }
     }
@@ -237,8 +295,35 @@ impl Station {
         };
         let pose: Vec<_> = Axis::ALL.into_iter().map(text).collect();
         let state = if front.operation_pending() { "moving" } else { "at rest" };
-        let clients = self.clients.len() + usize::from(self.pty.as_ref().is_some_and(|(_, link)| link.is_some()));
+        let clients = self.clients.len() + usize::from(self.pty.as_ref().is_some_and(|pty| pty.link.is_some()));
         let seconds = self.board.played() as f64 * SEGMENT_NS as f64 * 1e-9;
         format!("{seconds:9.1} s  {}  {state}  {clients} client(s)", pose.join(" "))
     }
+}
+
+/// Executes what a client has left behind; true when nothing is left that can be executed without waiting for motion,
+/// and its answers are out. Its jogs end at once.
+fn finish<S: Read + Write>(
+    link: usize,
+    stream: &mut Stream<S>,
+    links: &mut Links<LINKS>,
+    front: &mut Front,
+    now_ms: u64,
+) -> bool {
+    for _ in 0..LAST_ROUNDS {
+        stream.offer(|bytes| links.receive(link, bytes, now_ms));
+        let busy = front.is_busy_at_the_border();
+        let progress = links.poll(front, now_ms);
+        front.end_jogs(link as u8);
+        if stream.drain(|to| links.transmit(link, to)) != State::Open {
+            stream.deafen();
+            continue;
+        }
+        if !progress {
+            // orders on their way are a matter of a few segments
+            let short = busy || front.is_busy_at_the_border() || front.operation_pending() && !front.is_moving();
+            return !short && !stream.has_output() && links.is_quiet(link);
+        }
+    }
+    false
 }
