@@ -127,7 +127,8 @@ fn a_trace_counts_the_same_steps_as_the_motors() {
     let unknown = Path::new(env!("CARGO_TARGET_TMPDIR")).join("unknown.scpi");
     std::fs::write(&unknown, "*WAI\nJUMP 3\n").unwrap();
     let done = host_sim(&["trace", "--script", unknown.to_str().unwrap(), "-o", file.to_str().unwrap()]);
-    let text = String::from_utf8(done.stdout).unwrap();
+    assert_eq!(done.status.code(), Some(2));
+    let text = String::from_utf8(done.stderr).unwrap();
     assert!(text.contains("-113") && text.contains("JUMP"), "{text}");
 }
 

@@ -103,7 +103,7 @@ fn a_perfect_stage_with_its_axes_through_f_moves_only_what_is_asked() {
 
 #[test]
 fn the_printed_sensitivities_of_the_paper_appear_at_small_angles() {
-    // ERROR-MODEL 4: 50 urad about z moves F by -100 um and 875 um times 50 urad in x and y.
+    // the paper: 50 urad about z moves F by -100 um and 875 um times 50 urad in x and y.
     let mut machine = Machine::paper();
     machine.statics = StaticErrors::default();
     let pose = Chain::new(&machine).true_pose([0.0, 0.0, 0.0, 0.0, 0.0, 50_000.0]);
@@ -167,7 +167,7 @@ fn every_shipped_machine_can_be_calibrated_and_its_block_survives_the_wire() {
         assert_eq!(report.crc, Calibration::crc(&block[..length]));
         println!("{report}");
         for (i, quantisation) in report.quantisation.into_iter().enumerate() {
-            // ERROR-MODEL 7.4 allows 0.32 nm.
+            // docs/LAW.md 3 allows 0.32 nm.
             assert!(quantisation < 0.32, "{} motor {}: {quantisation}", machine.name, Axis::ALL[i].name());
         }
     }

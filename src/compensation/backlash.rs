@@ -2,7 +2,7 @@
 //!
 //! The stage follows the motor with play b: p = clamp(p, m - b/2, m + b/2). The inverse adds an overlay o to the
 //! compensated target s: m = s + o with o = 0 on the reference flank and b against it on the other one
-//! (ERROR-MODEL 7.5). It is judged on the motor's whole-step target, never on a logical axis, and never accumulates.
+//! (docs/LAW.md 4). It is judged on the motor's whole-step target, never on a logical axis, and never accumulates.
 //! The overlay changes along a jerk-limited curve of a fixed duration within what the planner keeps in reserve;
 //! a take-up that has begun is finished before the next one begins. It begins only while something moves, or where
 //! one ends during which the motor turned again.

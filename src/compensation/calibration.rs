@@ -200,7 +200,7 @@ impl Calibration {
     }
 }
 
-/// Fractional bits of a coupling row: 30 + floor(log2 step), so that 2^bits / step fits 31 bits (ERROR-MODEL 7.4).
+/// Fractional bits of a coupling row: 30 + floor(log2 step), so that 2^bits / step fits 31 bits (docs/LAW.md 3).
 pub const fn row_bits(step_q32: u64) -> u8 {
     (30 + step_q32.ilog2() - 32) as u8
 }

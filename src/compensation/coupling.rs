@@ -8,7 +8,7 @@ pub const HALF: i64 = 1 << 31;
 ///
 /// The whole parts are summed exactly (six products stay below 2^63), of the fractions the upper 16 bits
 /// count: 2^-16 nm. At whole coordinates the floor of the result equals `(A + 2^(bits-1)) >> bits`
-/// bit for bit (ERROR-MODEL 7.4). `bits` is 31 to 46.
+/// bit for bit (docs/LAW.md 3). `bits` is 31 to 46.
 #[inline(always)]
 pub fn row<const N: usize>(coefficients: &[i32; N], coordinates: &[i64; N], bits: u8) -> i64 {
     let mut whole = 0i64;

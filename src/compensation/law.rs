@@ -1,7 +1,7 @@
 //! The law: motor targets of a logical pose, and the pose of motor counts.
 //!
 //! q_a from the angles, p' = p - c(q_a), linear motors = D^-1 p', rotary motors = q_a / step
-//! (ERROR-MODEL 7.2, DESIGN "Numbers"). The backlash overlay comes after, per motor.
+//! (docs/LAW.md 2 and 3). The backlash overlay comes after, per motor.
 
 use super::calibration::{Calibration, MotorData};
 use super::coupling::row;

@@ -1,6 +1,6 @@
 //! The rotation centre: where the fibre point goes when the rotary stages turn, c(q), and the actuator angles q.
 //!
-//! Three screw axes one after the other from the tip to the base (ERROR-MODEL 7.2), each with sin q and
+//! Three screw axes one after the other from the tip to the base (docs/LAW.md 2), each with sin q and
 //! 2 sin^2(q/2), so that nothing cancels near zero.
 //!
 //! # Accuracy

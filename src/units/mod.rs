@@ -20,7 +20,7 @@ pub const SEGMENT_TICKS: usize = 128;
 pub const SEGMENT_NS: u64 = SEGMENT_TICKS as u64 * 1_000_000_000 / TICKS_PER_SECOND as u64;
 
 /// Largest magnitude of a logical coordinate in nm or nrad: 2^29, so that a row of six products
-/// of 31-bit coefficients stays below 2^63 (ERROR-MODEL 7.4).
+/// of 31-bit coefficients stays below 2^63 (docs/LAW.md 3).
 pub const COORDINATE_LIMIT: i32 = 1 << 29;
 
 /// Largest magnitude of an angle that the rotation-centre law accepts, in nrad (7.69 degrees):

@@ -4,7 +4,7 @@
     make_golden.py MACHINE.toml -o FILE.json [--seed N] [--count N]
     make_golden.py --check FILE.json [FILE.json ...]
 
-The law is ERROR-MODEL 7.2 in float64 with the screws of the stage: angles by chord Newton, rotation
+The law is docs/LAW.md 2 in float64 with the screws of the stage: angles by chord Newton, rotation
 centre screw by screw from tip to base, then the inverse of the slide directions. Poses are random
 within the motors' travel; every second one is a small move. --check computes a file's poses anew
 and fails when an actuator differs by more than 0.01 nm or nrad.

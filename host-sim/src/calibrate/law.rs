@@ -1,4 +1,4 @@
-//! The controller's law in f64: W⁻¹ and the second-order term, the pivot, D⁻¹ (ERROR-MODEL 7.2).
+//! The controller's law in f64: W⁻¹ and the second-order term, the pivot, D⁻¹ (docs/LAW.md 2).
 
 use super::second_order::{SecondOrder, products};
 use crate::machine::Machine;

@@ -3,6 +3,7 @@
 use super::Failure;
 use super::common::load;
 use crate::server::{Options, Speed, Station, serve};
+use crate::session::power_up;
 use mio::Poll;
 use std::io::{self, IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -66,14 +67,15 @@ impl Args {
                 address: SocketAddr::new(self.bind, port),
                 pty: !self.no_pty,
                 speed: self.speed,
-                cold: self.cold,
                 seed: self.seed.wrapping_add(board.into()),
             };
             let at = |source: io::Error| {
                 let hint = if source.kind() == io::ErrorKind::AddrInUse { " (--port takes another)" } else { "" };
                 Failure::Io { path: format!("{}{hint}", options.address), source }
             };
-            stations.push(Station::new(&machine, &options, &poll).map_err(at)?);
+            let refused = |reason| Failure::Refused(format!("{}: {reason}", self.machine.display()));
+            let front = power_up(&machine, self.cold).map_err(refused)?;
+            stations.push(Station::new(&machine, front, &options, &poll).map_err(at)?);
         }
         println!("Stage controller, machine \"{}\"", machine.name);
         for (n, station) in stations.iter_mut().enumerate() {
@@ -102,8 +104,8 @@ impl Args {
 fn snippet(address: SocketAddr) -> String {
     let host = if address.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { address.ip() };
     format!(
-        "  import pyvisa\n  stage = pyvisa.ResourceManager(\"@py\").open_resource(\"TCPIP::{host}::{}::SOCKET\", \
-         read_termination=\"\\n\", write_termination=\"\\n\")\n  \
+        "import pyvisa\nstage = pyvisa.ResourceManager(\"@py\").open_resource(\"TCPIP::{host}::{}::SOCKET\", \
+         read_termination=\"\\n\", write_termination=\"\\n\")\n\
          print(stage.query(\"POSE 100,-50,20,0.1,0,-0.2;*OPC?;POSE?\"))\n",
         address.port()
     )

@@ -59,12 +59,12 @@ impl Args {
         console.settle(|played| trace.segment(&played));
         answers.iter().for_each(|answer| println!("{answer}"));
         let errors = console.line("SYST:ERR:ALL?", |played| trace.segment(&played));
-        if !errors.starts_with("0,") {
-            println!("errors: {errors}");
-        }
         let board = &console.board;
         let edges = trace.end(board.played()).map_err(io(&self.output))?;
         println!("{edges} edges in {} us written to {}", board.now() * SEGMENT_TICKS as u64, self.output.display());
+        if !errors.starts_with("0,") {
+            return Err(Failure::Refused(format!("the script raised {errors}")));
+        }
         Ok(())
     }
 }

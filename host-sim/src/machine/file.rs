@@ -139,7 +139,8 @@ impl Written {
         for ((quantity, per), rate) in names.into_iter().zip(self.rates) {
             // the block counts whole nm or nrad per s, s^2, s^3
             if !(rate * scale >= 1.0 && rate * scale <= LARGEST_RATE) {
-                let reason = format!("a rate must be at least {:e} and at most {:e}", 1.0 / scale, LARGEST_RATE / scale);
+                let reason =
+                    format!("a rate must be at least {:e} and at most {:e}", 1.0 / scale, LARGEST_RATE / scale);
                 return Err(MachineError::value(self.key(quantity, per), rate, reason));
             }
         }

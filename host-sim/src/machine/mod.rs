@@ -58,7 +58,7 @@ impl MachineError {
     }
 }
 
-/// The nine position-independent angular errors in radians (ERROR-MODEL 2), right-handed.
+/// The nine position-independent angular errors in radians (docs/LAW.md 1), right-handed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 #[allow(non_snake_case)]
@@ -172,7 +172,7 @@ impl Machine {
         toml::from_str::<MachineFile>(text)?.try_into()
     }
 
-    /// The built-in machine `paper`: the stage of the paper (ERROR-MODEL 4).
+    /// The built-in machine `paper`: the stage of the paper.
     pub fn paper() -> Self {
         Self::parse(DEFAULT).expect("the built-in machine is valid")
     }

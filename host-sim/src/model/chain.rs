@@ -45,7 +45,7 @@ struct Placement {
 
 /// The exact forward model of a machine: lengths in nm, angles in rad inside and nrad at the border.
 ///
-/// Joint k = Trans(axis_offset) · `exp([ε]×)` · motion, base to tip, then F (ERROR-MODEL 2).
+/// Joint k = Trans(axis_offset) · `exp([ε]×)` · motion, base to tip, then F (docs/LAW.md 1).
 #[derive(Clone, Debug)]
 pub struct Chain {
     joints: [Joint; AXES],
@@ -115,7 +115,7 @@ impl Chain {
         [moved.x, moved.y, moved.z, angles[0] * 1e9, angles[1] * 1e9, angles[2] * 1e9]
     }
 
-    /// Actuators (nm and nrad) that bring F to a pose (nm and nrad): ERROR-MODEL 7.2 solved to the
+    /// Actuators (nm and nrad) that bring F to a pose (nm and nrad): docs/LAW.md 2 solved to the
     /// last bit. None when the iteration does not converge (angles far beyond any stage's travel).
     pub fn exact_inverse(&self, pose: [f64; AXES]) -> Option<[f64; AXES]> {
         let [x, y, z, a, b, g] = pose;

@@ -20,7 +20,7 @@ pub fn vee(r: &Matrix3<f64>) -> Vector3<f64> {
 }
 
 /// The meaning of the logical angles: the product of the ideal rotations in the machine's own rotary
-/// order, base to tip (ERROR-MODEL 7.2).
+/// order, base to tip (docs/LAW.md 2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Euler {
     /// Index (0 = alpha about x, 1 = beta about y, 2 = gamma about z) from base to tip.

@@ -4,7 +4,6 @@ use super::link::{State, Stream};
 use super::pty::Pty;
 use crate::board::{Board, Interleaving};
 use crate::machine::Machine;
-use crate::session::power_up;
 use mio::net::{TcpListener, TcpStream};
 use mio::unix::SourceFd;
 use mio::{Interest, Poll, Token};
@@ -47,8 +46,6 @@ pub struct Options {
     pub pty: bool,
     /// Virtual time.
     pub speed: Speed,
-    /// Like a board after power-up: not homed, disabled.
-    pub cold: bool,
     /// Seed of the interleaving of the two halves.
     pub seed: u64,
 }
@@ -84,12 +81,11 @@ pub struct Station {
 }
 
 impl Station {
-    /// Sets a board up and listens.
+    /// Sets a board up and listens; `front` as after power-up.
     ///
     /// # Errors
-    /// Those of the sockets; the calibration's refusal as text.
-    pub fn new(machine: &Machine, options: &Options, poll: &Poll) -> io::Result<Self> {
-        let front = power_up(machine, options.cold).map_err(io::Error::other)?;
+    /// Those of the sockets.
+    pub fn new(machine: &Machine, front: Front, options: &Options, poll: &Poll) -> io::Result<Self> {
         let mut board = Board::new(machine, front, Interleaving::Jittered(2), options.seed);
         board.settle();
         let mut listener = TcpListener::bind(options.address)?;

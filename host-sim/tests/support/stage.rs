@@ -8,7 +8,7 @@ use stage_controller::compensation::law::{Law, Remembered};
 use stage_controller::controller::front::Front;
 use stage_controller::error::{Error, ErrorNumber};
 use stage_controller::settings::Settings;
-use stage_controller::units::{AXES, Axis, FinePose, Pose};
+use stage_controller::units::{AXES, Axis, Pose};
 use std::collections::VecDeque;
 
 /// Segments after which a move that has not ended counts as hanging: half an hour.

@@ -25,8 +25,9 @@ const POSE: &[Param] = &[param("x,y,z,a,b,g", Kind::Pose)];
 const PIVOT: Param = param("k", Kind::Integer(0, 7));
 
 /// What a move of a pose or an axis is refused for; relative ones and jogs need no homing.
-const MOVE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, NotHomed, AxisDisabled, PositionUncertain];
-const RELATIVE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, AxisDisabled];
+const MOVE_ERRORS: &[ErrorNumber] =
+    &[DataOutOfRange, SettingsConflict, NotHomed, Moving, AxisDisabled, PositionUncertain];
+const RELATIVE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, Moving, AxisDisabled];
 const PIVOT_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, NoCalibration, Moving];
 const SWITCH_ERRORS: &[ErrorNumber] = &[DataOutOfRange, NoCalibration, Moving];
 const NO_CALIBRATION: &[ErrorNumber] = &[NoCalibration];
@@ -175,17 +176,22 @@ pub const TABLE: &[Entry] = &[
     set(C::AxisMove, "AXIS#:MOVE[:ABSolute]", COORDINATE, "Moves an axis to a coordinate.")
         .errors(MOVE_ERRORS)
         .example("AXIS1:MOVE 125.5 UM"),
-    set(C::AxisMoveRelative, "AXIS#:MOVE:RELative", &[param("dx", Kind::Displacement)], "Moves an axis by a distance.")
-        .errors(RELATIVE_ERRORS)
-        .example("AXIS1:MOVE:REL -10 STEP"),
+    set(
+        C::AxisMoveRelative,
+        "AXIS#:MOVE:RELative",
+        &[param("dx", Kind::Displacement)],
+        "Moves an axis by a distance from its target.",
+    )
+    .errors(RELATIVE_ERRORS)
+    .example("AXIS1:MOVE:REL -10 STEP"),
     set(
         C::AxisMoveJog,
         "AXIS#:MOVE:JOG",
         &[param("v", Kind::Rate(1))],
         "Moves at constant velocity until STOP, a limit or a new jog; 0 ramps down.",
     )
-    .range("+- the motor's velocity", "")
-    .errors(&[DataOutOfRange, AxisDisabled])
+    .range("+- the axis' VELocity", "")
+    .errors(&[DataOutOfRange, Moving, AxisDisabled])
     .example("AXIS4:MOVE:JOG 0.1 DEG/S"),
     set(C::AxisStop, "AXIS#:STOP[:DECelerate]", NONE, "Stops an axis within its limits.").example("AXIS1:STOP"),
     set(C::AxisStopImmediate, "AXIS#:STOP:IMMediate", NONE, "Stops at once, and all motors with it; see VEL:STAR.")
@@ -193,7 +199,8 @@ pub const TABLE: &[Entry] = &[
     set(C::Stop, "STOP", NONE, "Stops all axes within their limits."),
     set(C::Abort, "ABORt", NONE, "Stops everything at once; so does ! as the first byte of a line.").example("ABOR"),
     query(C::AxisPosition, "AXIS#:POSition", "Logical position of the words played so far.").example("AXIS1:POS?"),
-    query(C::AxisPositionCommand, "AXIS#:POSition:COMMand", "Target.").example("AXIS1:POS:COMM?"),
+    query(C::AxisPositionCommand, "AXIS#:POSition:COMMand", "Target; of a jog, where it is.")
+        .example("AXIS1:POS:COMM?"),
     query(C::AxisPositionMotor, "AXIS#:POSition:MOTor", "Motor steps really played.").example("AXIS1:POS:MOT?"),
     set(C::AxisPositionSet, "AXIS#:POSition:SET", COORDINATE, "Says where the axis stands; it is homed then.")
         .errors(&[DataOutOfRange, Moving])
