@@ -159,6 +159,7 @@ fn a_million_counts_come_back_from_their_pose() {
             done += 17_858;
         }
     }
+    println!("figure: {done} counts of the golden machines came back");
     assert!(done >= 1_000_000);
 }
 

@@ -40,7 +40,7 @@ fn storms_of_commands_keep_every_law() {
         for (kind, interleaving) in [Prompt, Jittered(1), Jittered(6)].into_iter().enumerate() {
             let begin = Instant::now();
             let mut stage = Stage::new(&machine, interleaving, 100 * index as u64 + kind as u64 + seed());
-            let weather = Weather { commands: volume(300), part: 50, aborts: true, changes: true };
+            let weather = Weather { commands: volume(1500), part: 50, aborts: true, changes: true };
             storm(&mut stage, weather);
             report(&format!("{} {interleaving:?}", machine.name), &stage, begin);
             segments += stage.checker.segments;
