@@ -186,21 +186,3 @@ fn a_line_high_from_the_start_of_a_pulse_is_measured_across_calls() {
     checker.feed(&[step(4) << 16]);
     assert_eq!(checker.violations()[4].high.first, Some(2));
 }
-
-#[test]
-#[ignore = "a measurement: run with --release --nocapture"]
-fn feeding_takes_a_small_part_of_real_time() {
-    let busy = |period: usize| -> Vec<u32> {
-        let all: u32 = (0..AXES).map(step).sum();
-        (0..128).map(|tick| if tick % period == 0 { rest() | all } else { rest() }).collect()
-    };
-    for (name, words) in [("silent", vec![rest(); 128]), ("6 x 15.6 k/s", busy(64)), ("6 x 500 k/s", busy(2))] {
-        let mut stage = paper();
-        let rounds = 200_000;
-        let start = std::time::Instant::now();
-        for _ in 0..rounds {
-            stage.feed(std::hint::black_box(&words));
-        }
-        println!("{name}: {:.1} ns per segment of 128 words", start.elapsed().as_nanos() as f64 / f64::from(rounds));
-    }
-}

@@ -51,7 +51,7 @@ impl Instrument for Front {
             }
             C::Stop => self.stop_all(),
             C::Abort => self.abort(),
-            C::StatusAxis => out.integer(self.axis_condition(axis_of(call)?)),
+            C::StatusAxis => out.integer(self.axis_condition(call.axis())),
             _ => return other(self, link, call, out),
         }
         Ok(Flow::Done)
@@ -103,7 +103,7 @@ fn reset(front: &mut Front) -> Flow {
 
 fn other(front: &mut Front, link: u8, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
     match call.suffix {
-        Some(_) => axis::execute(front, axis_of(call)?, link, call, out).map(|()| Flow::Done),
+        Some(_) => axis::execute(front, call.axis(), link, call, out).map(|()| Flow::Done),
         None => match call.command {
             C::PoseMove | C::PoseRelative | C::PoseQuery | C::PoseCheck | C::VelocityOverride => {
                 pose::execute(front, call, out).map(|()| Flow::Done)
@@ -111,11 +111,4 @@ fn other(front: &mut Front, link: u8, call: &Call<'_>, out: &mut Response) -> Re
             _ => compensation::execute(front, call, out),
         },
     }
-}
-
-/// The axis in the header.
-fn axis_of(call: &Call<'_>) -> Result<Axis, Error> {
-    call.suffix
-        .and_then(|n| Axis::from_index(usize::from(n).wrapping_sub(1)))
-        .ok_or(crate::error::ErrorNumber::HeaderSuffixOutOfRange.into())
 }

@@ -372,7 +372,7 @@ impl Planner {
     }
 }
 
-/// Largest velocity of a profile from rest, path units per segment in Q60, from its samples.
+/// Largest velocity of a profile from rest to rest, path units per segment in Q60.
 fn peak_velocity(profile: &Profile) -> u128 {
     // the peak of a move from rest lies in its cruise, hence at half its duration
     let state = profile.state(profile.duration() / 2);
