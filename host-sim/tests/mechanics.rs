@@ -1,8 +1,9 @@
 //! The mechanical twin: what step words do to motors, play and pose, and what timing they keep.
 
 use host_sim::machine::Machine;
-use host_sim::twin::{DIR_PINS, Limits, Mechanics, STEP_PINS, Timing};
+use host_sim::twin::{Limits, Mechanics, Timing};
 use proptest::prelude::*;
+use stage_controller::stepgen::pins::{DIR_PINS, STEP_PINS};
 use stage_controller::units::AXES;
 
 fn step(motor: usize) -> u32 {

@@ -14,7 +14,7 @@ use crate::compensation::coupling::HALF;
 use crate::compensation::law::{Law, Remembered};
 use crate::motion::planner::SLOTS;
 use crate::motion::track::Track;
-use crate::stepgen::segment::{Emitter, Words, clear};
+use crate::stepgen::segment::{Emitter, Words, clear, place_all};
 use crate::stepgen::timing::Timing;
 use crate::units::{AXES, FinePose, FineSteps, MotorSteps, SEGMENT_TICKS};
 
@@ -94,7 +94,6 @@ impl Generator {
         self.take_orders(orders);
         let moving = self.moving_axes();
         self.remember(moving);
-        clear(words, &self.timing);
         let busy =
             moving != 0 || self.plays.iter().any(Play::is_taking_up) || self.emitters.iter().any(|e| e.waiting() != 0);
         if busy {
@@ -103,6 +102,8 @@ impl Generator {
             }
             self.step(moving != 0, words);
             self.busy_until = self.segment + 1;
+        } else {
+            clear(words, &self.timing);
         }
         self.segment += 1;
         self.report(played)
@@ -115,16 +116,13 @@ impl Generator {
             let pose = self.advance_tracks();
             self.target = self.law.motors(&pose, &mut self.remembered);
         }
-        let base_tick = first_tick(self.segment);
-        let lines = self.timing.lines();
-        for (i, line) in lines.iter().enumerate() {
+        let from = self.motor;
+        for i in 0..AXES {
             let target = self.target.0[i];
             let overlay = self.plays[i].advance((target >> 32) as i32, moving, &self.configs[i]);
-            let from = self.motor.0[i];
-            let to = target.wrapping_add(overlay);
-            self.motor.0[i] = to;
-            self.emitters[i].place(line, from, to, base_tick, words);
+            self.motor.0[i] = target.wrapping_add(overlay);
         }
+        place_all(&mut self.emitters, &from, &self.motor, first_tick(self.segment), &self.timing, words);
     }
 
     /// The pose at the end of this segment; tracks that end are merged into the base, exactly.
@@ -196,13 +194,14 @@ impl Generator {
                 self.anchor(pose.fine(), steps);
                 true
             }
-            Action::Flank { motor, flank } => {
-                let motor = usize::from(motor) % AXES;
-                let target = (self.target.0[motor] >> 32) as i32;
-                let overlay = self.plays[motor].overlay();
-                self.plays[motor] = Play::resting(target, flank, overlay);
-                true
-            }
+            Action::Flank { motor, flank } => match self.plays.get_mut(usize::from(motor)) {
+                Some(play) => {
+                    let target = (self.target.0[usize::from(motor)] >> 32) as i32;
+                    *play = Play::resting(target, flank, play.overlay());
+                    true
+                }
+                None => false,
+            },
             Action::Pulses(timing) => {
                 self.timing = timing;
                 true

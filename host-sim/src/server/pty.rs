@@ -51,11 +51,6 @@ impl Pty {
         &self.path
     }
 
-    /// True while a client has it open, as last seen.
-    pub fn is_open(&self) -> bool {
-        self.open
-    }
-
     fn opened(&mut self) {
         if !self.open {
             self.open = true;

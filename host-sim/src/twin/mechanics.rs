@@ -12,15 +12,9 @@
 use super::after_word;
 use crate::machine::Machine;
 use crate::model::Chain;
+use stage_controller::stepgen::pins::{DIR_MASK, DIR_PINS, STEP_MASK, STEP_PINS};
 use stage_controller::units::{AXES, MotorSteps};
 
-/// Bit of port E that carries STEP of each motor.
-pub const STEP_PINS: [u32; AXES] = [6, 14, 5, 13, 7, 15];
-/// Bit of port E that carries DIR of each motor; high is the positive direction.
-pub const DIR_PINS: [u32; AXES] = [4, 8, 9, 10, 11, 12];
-
-const STEP_MASK: u32 = mask(STEP_PINS);
-const DIR_MASK: u32 = mask(DIR_PINS);
 /// Words that are skipped together when none of them sets a bit.
 const CHUNK: usize = 16;
 /// Bits of one motor's counter.
@@ -31,15 +25,6 @@ const CHUNKS_PER_COUNT: usize = ((1 << LANE) - 1) / CHUNK;
 const LANES: [u64; 64] = lanes();
 
 const _: () = assert!(STEP_MASK == 0xe0e0, "the table of increments is made for PE5-7 and PE13-15");
-
-const fn mask(pins: [u32; AXES]) -> u32 {
-    let (mut mask, mut i) = (0, 0);
-    while i < AXES {
-        mask |= 1 << pins[i];
-        i += 1;
-    }
-    mask
-}
 
 const fn lane_index(rising: u32) -> usize {
     (((rising >> 5) & 7) | ((rising >> 10) & 0x38)) as usize

@@ -3,7 +3,7 @@
 mod mechanics;
 mod timing;
 
-pub use mechanics::{DIR_PINS, Mechanics, STEP_PINS};
+pub use mechanics::Mechanics;
 pub use timing::{Count, Limits, Timing, Violations};
 
 /// Port lines after a BSRR word: the low half sets, the high half resets, and a set bit wins over a

@@ -1,6 +1,7 @@
 //! Checks the pulse timing that the drivers demand, word by word; apart from the fast twin.
 
-use super::{DIR_PINS, STEP_PINS, after_word};
+use super::after_word;
+use stage_controller::stepgen::pins::{DIR_PINS, STEP_PINS};
 use stage_controller::units::AXES;
 
 /// Minimum times of one motor's driver in ticks.

@@ -5,9 +5,10 @@ use host_sim::board::{Board, Interleaving, Seeded};
 use host_sim::calibrate::{Law as ExactLaw, calibrate};
 use host_sim::machine::{Drive, Machine, MachineFile, StaticErrors};
 use host_sim::model::Chain;
+use host_sim::session::power_up;
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
-use stage_controller::compensation::calibration::{BLOCK_CAPACITY, Calibration};
+use stage_controller::compensation::calibration::Calibration;
 use stage_controller::controller::front::Front;
 use stage_controller::units::{AXES, Axis};
 use std::path::{Path, PathBuf};
@@ -169,19 +170,12 @@ impl Dice {
 
 /// A front with the machine's calibration, homed and enabled.
 pub fn homed(machine: &Machine) -> Front {
-    let mut front = loaded(machine);
-    front.assume_homed();
-    front
+    power_up(machine, false).expect("a machine that the law serves")
 }
 
 /// A front with the machine's calibration as after power-up.
 pub fn loaded(machine: &Machine) -> Front {
-    let (calibration, _) = calibrate(machine).expect("a machine that the law serves");
-    let mut block = [0; BLOCK_CAPACITY];
-    let length = calibration.encode(&mut block).expect("a block fits its capacity");
-    let mut front = Front::new();
-    front.load(&block[..length]).expect("a block of our own");
-    front
+    power_up(machine, true).expect("a machine that the law serves")
 }
 
 /// A board at home in front of the machine.

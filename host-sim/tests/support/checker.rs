@@ -3,7 +3,8 @@
 use super::rates::{StepRate, Trajectory};
 use host_sim::board::{Board, Played};
 use host_sim::machine::Machine;
-use host_sim::twin::{DIR_PINS, Limits, STEP_PINS, Timing, after_word};
+use host_sim::twin::{Limits, Timing, after_word};
+use stage_controller::stepgen::pins::{DIR_PINS, STEP_PINS};
 use stage_controller::units::{AXES, MotorSteps};
 
 /// Counts remembered by segments played, for late reports.

@@ -1,6 +1,7 @@
 //! Everything that a user may do, in random order.
 
-use super::stage::{Stage, block};
+use super::stage::Stage;
+use host_sim::session::block_of;
 use stage_controller::settings::BacklashMode;
 use stage_controller::units::{AXES, Axis};
 
@@ -195,7 +196,11 @@ fn change(stage: &mut Stage) {
     match kind {
         0 => {
             let machine = stage.machine.clone();
-            stage.board.front.load(&block(&machine)).expect("loads at standstill");
+            stage
+                .board
+                .front
+                .load(&block_of(&machine).expect("the machine can be calibrated"))
+                .expect("loads at standstill");
         }
         1 => {
             let mut switches = stage.board.front.settings().switches;

@@ -2,10 +2,9 @@
 
 use super::checker::Checker;
 use host_sim::board::{Board, Interleaving, RING, Seeded};
-use host_sim::calibrate::calibrate;
 use host_sim::machine::Machine;
+use host_sim::session::power_up;
 use stage_controller::compensation::law::{Law, Remembered};
-use stage_controller::controller::front::Front;
 use stage_controller::error::{Error, ErrorNumber};
 use stage_controller::settings::Settings;
 use stage_controller::units::{AXES, Axis, Pose};
@@ -15,14 +14,6 @@ use std::collections::VecDeque;
 const HANGS: u64 = 14_000_000;
 /// Segments after which a slow move is made faster: two and a half minutes.
 const PATIENCE: u64 = 1_200_000;
-
-/// The block of a machine.
-pub fn block(machine: &Machine) -> Vec<u8> {
-    let (calibration, _) = calibrate(machine).expect("the machine can be calibrated");
-    let mut block = [0; 1024];
-    let length = calibration.encode(&mut block).expect("the block fits");
-    block[..length].to_vec()
-}
 
 /// How far rounding may put an unrounded target from the smooth law, in steps of each motor, from the widths of the
 /// numbers: per screw the sine in Q33 (one and a half units), angles in 1/16 nrad, versines in Q35, each times the
@@ -67,9 +58,7 @@ impl Stage {
         times: [u64; 4],
         change: impl FnOnce(&mut Settings),
     ) -> Self {
-        let mut front = Front::new();
-        front.load(&block(machine)).expect("the block loads");
-        front.assume_homed();
+        let front = power_up(machine, false).expect("the machine can be calibrated");
         let noise = noise(machine, front.law());
         let mut stage = Stage {
             board: Board::new(machine, front, interleaving, seed),

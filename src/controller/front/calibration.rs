@@ -1,6 +1,6 @@
 //! Calibration, switches and pivots: changes of the law at standstill, which move no motor.
 
-use super::{Front, LEVER_LIMIT_NM, PIVOTS, refuse, step_rate};
+use super::{Front, LEVER_LIMIT_NM, PIVOTS, check_step_rates, refuse};
 use crate::compensation::calibration::Calibration;
 use crate::compensation::law::{Law, Switches, largest_lever_nm};
 use crate::controller::border::Action;
@@ -19,12 +19,7 @@ impl Front {
         if largest_lever_nm(&calibration, calibration.fibre_point) > LEVER_LIMIT_NM {
             return Err(Error::text(ErrorNumber::DataOutOfRange, "fibre point beyond 60 mm from a rotary axis"));
         }
-        let ceiling = u64::from(self.timing.max_step_rate());
-        for (axis, motor) in Axis::ALL.into_iter().zip(&calibration.motors) {
-            if step_rate(motor.velocity, motor.step_q32) > ceiling {
-                return Err(Error::axis(ErrorNumber::SettingsConflict, axis));
-            }
-        }
+        check_step_rates(&self.timing, &calibration.motors)?;
         self.check_standing(&Law::new(&calibration, self.settings.switches, calibration.fibre_point))?;
         let bytes = heapless::Vec::from_slice(block)
             .map_err(|_| Error::text(ErrorNumber::SettingsConflict, "calibration block length"))?;

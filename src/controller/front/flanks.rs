@@ -4,7 +4,6 @@ use super::Front;
 use crate::compensation::backlash::Flank;
 use crate::controller::border::Action;
 use crate::error::Error;
-use crate::settings::BacklashMode;
 use crate::units::{AXES, Axis, Pose};
 
 /// A take-up on command, on its way.
@@ -60,10 +59,5 @@ impl Front {
             Some(Preload::Back) if at_rest => self.preload = None,
             _ => {}
         }
-    }
-
-    /// Backlash mode of a motor.
-    pub fn backlash_mode(&self, axis: Axis) -> BacklashMode {
-        self.settings.axes[axis.index()].backlash.mode
     }
 }

@@ -18,7 +18,7 @@ use super::border::{Action, Order, Report};
 use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
-use crate::error::{Error, ErrorNumber};
+use crate::error::{Detail, Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
 use crate::motion::planner::{Capability, Planner};
 use crate::settings::{self, Settings};
@@ -347,11 +347,6 @@ impl Front {
         self.enabled[axis.index()]
     }
 
-    /// True when an axis is homed.
-    pub fn is_homed(&self, axis: Axis) -> bool {
-        self.homed[axis.index()]
-    }
-
     /// The law in force.
     pub fn law(&self) -> &Law {
         &self.capability.law
@@ -385,7 +380,19 @@ const NO_LIMITS: AxisLimits = AxisLimits {
     enabled: false,
 };
 
-/// Steps per second, rounded up.
-fn step_rate(velocity: u64, step_q32: u64) -> u64 {
-    (u128::from(velocity) << 32).div_ceil(u128::from(step_q32.max(1))).min(u128::from(u64::MAX)) as u64
+/// Every motor's velocity must be within the steps per second that the pulse timing allows.
+///
+/// # Errors
+/// -221 with the axis.
+fn check_step_rates(timing: &Timing, motors: &[MotorData; AXES]) -> Result<(), Error> {
+    let ceiling = u128::from(timing.max_step_rate());
+    for (axis, motor) in Axis::ALL.into_iter().zip(motors) {
+        if (u128::from(motor.velocity) << 32).div_ceil(u128::from(motor.step_q32.max(1))) > ceiling {
+            return Err(Error {
+                number: ErrorNumber::SettingsConflict,
+                detail: Detail::AxisText(axis, "step rate above what the pulse timing allows"),
+            });
+        }
+    }
+    Ok(())
 }

@@ -1,9 +1,9 @@
 //! What is named or set at standstill: counts, drivers, pulses, settings.
 
-use super::{Abort, Anchored, Front, NO_LIMITS, PIVOTS, step_rate};
+use super::{Abort, Anchored, Front, NO_LIMITS, PIVOTS, check_step_rates};
 use crate::compensation::law::Law;
 use crate::controller::border::Action;
-use crate::error::{Detail, Error, ErrorNumber};
+use crate::error::{Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
 use crate::settings;
 use crate::settings::Settings;
@@ -73,15 +73,7 @@ impl Front {
         let timing = Timing::new(settings.axes.map(|a| a.timing))
             .ok_or(Error::text(ErrorNumber::DataOutOfRange, "pulse times above 32 us, or set-up or hold above 128 us"))?
             .with_inverted(settings.axes.map(|a| a.inverted));
-        let ceiling = u64::from(timing.max_step_rate());
-        for (axis, motor) in Axis::ALL.into_iter().zip(self.motors()) {
-            if step_rate(motor.velocity, motor.step_q32) > ceiling {
-                return Err(Error {
-                    number: ErrorNumber::SettingsConflict,
-                    detail: Detail::AxisText(axis, "step rate above what the pulse timing allows"),
-                });
-            }
-        }
+        check_step_rates(&timing, &self.motors())?;
         self.order(Action::Pulses(timing))?;
         self.timing = timing;
         self.settings.axes = settings.axes;
@@ -110,22 +102,12 @@ impl Front {
             return Err(Error::text(ErrorNumber::SettingsConflict, "the calibration gives the step size"));
         }
         self.standstill()?;
-        let old = self.settings;
-        self.settings.axes[axis.index()].step_q32 = step_q32;
-        let ceiling = u64::from(self.timing.max_step_rate());
-        let motors = self.motors();
-        let refused = if step_rate(motors[axis.index()].velocity, step_q32) > ceiling {
-            Err(Error {
-                number: ErrorNumber::SettingsConflict,
-                detail: Detail::AxisText(axis, "step rate above what the pulse timing allows"),
-            })
-        } else {
-            self.check_standing(&Law::identity(&motors))
-        };
-        if refused.is_err() {
-            self.settings = old;
-            return refused;
-        }
+        let mut settings = self.settings;
+        settings.axes[axis.index()].step_q32 = step_q32;
+        let motors = settings::motors(None, Some(&settings));
+        check_step_rates(&self.timing, &motors)?;
+        self.check_standing(&Law::identity(&motors))?;
+        self.settings = settings;
         self.change_law()
     }
 
