@@ -1,0 +1,6 @@
+"""An STM32F407VG in which the unmodified firmware runs, for tests: no board, exact and repeatable time."""
+
+from .board import Board, Timeout
+from .flash import PowerCut
+
+__all__ = ["Board", "PowerCut", "Timeout"]
