@@ -5,3 +5,4 @@ pub mod commands;
 pub mod front;
 pub mod generator;
 pub mod links;
+pub mod safety;
