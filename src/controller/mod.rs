@@ -6,3 +6,4 @@ pub mod front;
 pub mod generator;
 pub mod links;
 pub mod safety;
+pub mod stream;
