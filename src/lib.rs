@@ -29,8 +29,10 @@
 pub mod compensation;
 pub mod controller;
 pub mod error;
+pub mod hal;
 pub mod motion;
 pub mod scpi;
 pub mod settings;
 pub mod stepgen;
+pub mod tasks;
 pub mod units;

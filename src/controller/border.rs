@@ -1,5 +1,6 @@
 //! What crosses the border between the two halves: orders down, reports up. Plain data.
 
+use super::safety::{Halt, Inputs};
 use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::law::Law;
 use crate::motion::track::Track;
@@ -109,4 +110,14 @@ pub struct Report {
     pub settled: bool,
     /// Aborts so far.
     pub aborts: u16,
+    /// Why the last abort was.
+    pub halt: Halt,
+    /// Inputs when the report was made.
+    pub inputs: Inputs,
+    /// The stream stands until it is armed again: the emergency stop is latched.
+    pub latched: bool,
+    /// Bit n: motor n may be stepping upwards in what is played or waits to be played.
+    pub stepping_up: u8,
+    /// Bit n: the same downwards.
+    pub stepping_down: u8,
 }

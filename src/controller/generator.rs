@@ -229,14 +229,16 @@ impl Generator {
     }
 
     /// The motors were stopped after `tick` words of `segment`: rolls back to what was played, at rest.
-    /// `words` are the words of that segment. The next segment is generated as the one after `segment`.
+    /// `words` are the words of that segment. The next segment is generated as the one after `segment`. In a segment
+    /// that was not generated there was silence, and all that was generated before it has been played.
     pub fn abort(&mut self, segment: u64, tick: usize, words: &Words) {
         let tick = tick.min(SEGMENT_TICKS);
         let end = self.start_of(segment + 1).map_or((self.target, self.motor), |next| (next.target, next.motor));
         self.aborts = self.aborts.wrapping_add(1);
         self.tracks = [None; SLOTS];
-        let Some(start) = self.start_of(segment).copied() else {
-            return;
+        let (start, words, tick) = match self.start_of(segment) {
+            Some(start) => (*start, words, tick),
+            None => (self.now(), &[0; SEGMENT_TICKS], 0),
         };
         let at = |from: i64, to: i64| from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64;
         let played = words.get(..tick).unwrap_or(words);
@@ -262,21 +264,39 @@ impl Generator {
             .filter(|start| start.segment == segment && segment < self.segment)
     }
 
-    #[inline(always)]
-    fn remember(&mut self, moving: u8) {
-        if let Some(place) = self.history.get_mut((self.segment % HISTORY as u64) as usize) {
-            *place = Start {
-                segment: self.segment,
-                target: self.target,
-                motor: self.motor,
-                emitters: self.emitters,
-                plays: self.plays,
-                moving,
-            };
+    /// The state at the end of what was generated.
+    fn now(&self) -> Start {
+        Start {
+            segment: self.segment,
+            target: self.target,
+            motor: self.motor,
+            emitters: self.emitters,
+            plays: self.plays,
+            moving: 0,
         }
     }
 
-    fn report(&self, played: u64) -> Report {
+    #[inline(always)]
+    fn remember(&mut self, moving: u8) {
+        let now = Start { moving, ..self.now() };
+        if let Some(place) = self.history.get_mut((self.segment % HISTORY as u64) as usize) {
+            *place = now;
+        }
+    }
+
+    /// Takes orders and reports, while nothing plays and no segment is made.
+    pub fn attend(&mut self, orders: &mut impl Orders) -> Report {
+        self.take_orders(orders);
+        self.report(self.segment)
+    }
+
+    /// The segment that is generated next.
+    pub fn next_segment(&self) -> u64 {
+        self.segment
+    }
+
+    /// State at the end of the segments completely played, of which there are `played`.
+    pub fn report(&self, played: u64) -> Report {
         let mut report = Report {
             next: self.segment,
             played,
@@ -309,6 +329,11 @@ impl Generator {
             report.owing |= u8::from(play.owes(config)) << i;
         }
         report
+    }
+
+    /// Motors that may be stepping up, down, in what plays or waits to be played.
+    pub fn stepping(&self) -> (u8, u8) {
+        (0, 0)
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests

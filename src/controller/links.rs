@@ -106,6 +106,13 @@ impl<const N: usize> Links<N> {
         self.links.iter_mut().filter(|link| link.open).for_each(|link| link.session.observe(&conditions));
     }
 
+    /// Queues an error on one link.
+    pub fn report_to(&mut self, n: usize, error: Error) {
+        if let Some(link) = self.links.get_mut(n).filter(|link| link.open) {
+            link.session.report(error);
+        }
+    }
+
     /// Queues a device event on every link.
     pub fn report(&mut self, error: Error) {
         self.links.iter_mut().filter(|link| link.open).for_each(|link| link.session.report(error));

@@ -5,3 +5,5 @@ pub mod commands;
 pub mod front;
 pub mod generator;
 pub mod links;
+pub mod safety;
+pub mod stream;

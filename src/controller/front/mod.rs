@@ -15,6 +15,7 @@ pub use dry_run::Check;
 use flanks::Preload;
 
 use super::border::{Action, Order, Report};
+use super::safety::Watch;
 use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
@@ -233,6 +234,21 @@ impl Front {
         if !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence {
             self.lead = LEAD;
         }
+    }
+
+    /// What the inputs are watched for; whoever owns the step output judges them by it.
+    pub fn watch(&self) -> Watch {
+        Watch::default()
+    }
+
+    /// Levels of the enable lines; bit n set: the line of driver n is high.
+    pub fn enable_lines(&self) -> u8 {
+        0
+    }
+
+    /// True once when the step output is to be armed again after an emergency stop.
+    pub fn take_rearm(&mut self) -> bool {
+        false
     }
 
     /// An error of a motion that had been accepted, once.

@@ -1,0 +1,195 @@
+//! The stream of words: keeps the ring of the step output filled, and finds out what was played when it stops.
+//!
+//! # Design
+//! The hardware plays a ring of [`RING`] segments over and over, one word a tick, and clears what it has played, one
+//! segment behind: a processor that is late or stopped leaves silence, and no word plays twice. While segment k plays,
+//! the refill makes segment k + [`AHEAD`]; the room of segment k - 2 has been cleared by then. All of it runs in the
+//! refill interrupt; the hardware is a [`StepSink`].
+//!
+//! # When it stops
+//! Whoever stops the hardware says why by a [`Halt`]; the next [`Stream::service`] rolls the generator back to the word
+//! that was really played, and starts anew. After an emergency stop it stays silent until it is armed again.
+//!
+//! # A missed deadline
+//! A segment is begun only while [`MARGIN`] ticks are left before it plays; otherwise it is not written at all, what
+//! played instead was silence, and the position stays exact ([`Cause::Deadline`]). If the processor is held up *while*
+//! it writes, some of the words may have come too late: [`Cause::Output`], the position is uncertain.
+
+use super::border::{Orders, Report};
+use super::generator::Generator;
+use super::safety::{Cause, Halt, Inputs, Watch};
+use crate::stepgen::segment::Words;
+use crate::units::SEGMENT_TICKS;
+
+/// Segments in the ring.
+pub const RING: usize = 4;
+/// The segment that is made while segment k plays is k + 2.
+pub const AHEAD: u64 = 2;
+/// Ticks before a segment plays at which it is no longer begun: more than the dearest segment takes to make.
+pub const MARGIN: u64 = 72;
+
+/// Hardware that plays the ring.
+pub trait StepSink {
+    /// Words played since the last start.
+    fn played(&mut self) -> u64;
+    /// Words of one place of the ring.
+    fn slot(&mut self, slot: usize) -> &mut Words;
+    /// Clears the ring and lowers what a stop left high, no sooner than the longest pulse after it.
+    fn prepare(&mut self);
+    /// Plays the ring from its first place.
+    fn start(&mut self);
+    /// No word plays after this.
+    fn stop(&mut self);
+    /// Levels of the inputs.
+    fn inputs(&self) -> Inputs;
+}
+
+/// What the thread asks of the stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Wishes {
+    /// The stream is to stand, at standstill, for as long as this is set.
+    pub pause: bool,
+    /// Arm the stream again after an emergency stop, if the contact is closed.
+    pub rearm: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// Not started yet.
+    Idle,
+    Running,
+    /// Stands until it is armed again.
+    Latched,
+    /// Stands while the thread wishes so.
+    Paused,
+}
+
+/// Keeps the ring filled.
+pub struct Stream {
+    generator: Generator,
+    /// Segment in the first place of the ring at the last start.
+    origin: u64,
+    state: State,
+    halt: Halt,
+}
+
+impl Stream {
+    /// A stream that has not begun.
+    pub fn new(generator: Generator) -> Self {
+        Stream { generator, origin: 0, state: State::Idle, halt: Halt::default() }
+    }
+
+    /// True while words play.
+    pub fn is_running(&self) -> bool {
+        self.state == State::Running
+    }
+
+    /// Motors that may be stepping up, down, in the words that play or wait.
+    pub fn stepping(&self) -> (u8, u8) {
+        self.generator.stepping()
+    }
+
+    /// Does what is due; call once a segment, and after every stop. `halt`: why somebody has stopped the hardware.
+    pub fn service(
+        &mut self,
+        sink: &mut impl StepSink,
+        orders: &mut impl Orders,
+        watch: Watch,
+        halt: Option<Halt>,
+        wishes: Wishes,
+    ) -> Report {
+        let inputs = sink.inputs();
+        if self.state == State::Running {
+            let (up, down) = self.stepping();
+            let halt = halt.or_else(|| watch.halt(inputs, up, down)).or_else(|| self.late(sink));
+            match halt {
+                Some(halt) => self.roll_back(sink, orders, halt),
+                None if wishes.pause => {
+                    sink.stop();
+                    self.state = State::Paused;
+                }
+                None => self.fill(sink, orders),
+            }
+        } else if halt.is_some_and(|halt| halt.cause == Cause::EmergencyStop) && self.state == State::Paused {
+            self.latch(Halt { cause: Cause::EmergencyStop, ..Halt::default() });
+        }
+        match self.state {
+            State::Idle if inputs.stop => self.latch(Halt { cause: Cause::EmergencyStop, ..Halt::default() }),
+            State::Idle => self.restart(sink, orders),
+            State::Paused if !wishes.pause => self.restart(sink, orders),
+            State::Latched if wishes.rearm && !inputs.stop => self.restart(sink, orders),
+            State::Running | State::Latched | State::Paused => {}
+        }
+        let played = match self.state {
+            State::Running => self.origin + sink.played() / SEGMENT_TICKS as u64,
+            _ => self.generator.next_segment(),
+        };
+        let report = match self.state {
+            State::Running => self.generator.report(played),
+            _ => self.generator.attend(orders),
+        };
+        Report { halt: self.halt, inputs, latched: self.state == State::Latched, ..report }
+    }
+
+    /// The segment that plays, and the words of it that have.
+    fn position(&self, sink: &mut impl StepSink) -> (u64, usize) {
+        let played = sink.played();
+        (self.origin + played / SEGMENT_TICKS as u64, (played % SEGMENT_TICKS as u64) as usize)
+    }
+
+    /// True when the next segment cannot be ready in time.
+    fn late(&self, sink: &mut impl StepSink) -> Option<Halt> {
+        let (segment, tick) = self.position(sink);
+        let due = self.generator.next_segment();
+        let left = (due.saturating_sub(segment) * SEGMENT_TICKS as u64).saturating_sub(tick as u64);
+        (left < MARGIN).then_some(Halt { cause: Cause::Deadline, ..Halt::default() })
+    }
+
+    fn fill(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders) {
+        let (segment, _) = self.position(sink);
+        while self.generator.next_segment() <= segment + AHEAD {
+            let made = self.generator.next_segment();
+            self.make(sink, orders, segment);
+            if self.position(sink).0 >= made {
+                return self.roll_back(sink, orders, Halt { cause: Cause::Output, ..Halt::default() });
+            }
+        }
+    }
+
+    fn make(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders, played: u64) {
+        let slot = (self.generator.next_segment() - self.origin) % RING as u64;
+        self.generator.refill(orders, played, sink.slot(slot as usize));
+    }
+
+    fn roll_back(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders, halt: Halt) {
+        sink.stop();
+        let (segment, tick) = self.position(sink);
+        let slot = (segment - self.origin) % RING as u64;
+        self.generator.abort(segment, tick, sink.slot(slot as usize));
+        self.halt = halt;
+        if halt.cause == Cause::EmergencyStop {
+            self.state = State::Latched;
+        } else {
+            self.restart(sink, orders);
+        }
+    }
+
+    /// An emergency stop while nothing plays.
+    fn latch(&mut self, halt: Halt) {
+        let next = self.generator.next_segment();
+        self.generator.abort(next, 0, &[0; SEGMENT_TICKS]);
+        self.halt = halt;
+        self.state = State::Latched;
+    }
+
+    fn restart(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders) {
+        sink.prepare();
+        self.origin = self.generator.next_segment();
+        for _ in 0..=AHEAD {
+            let origin = self.origin;
+            self.make(sink, orders, origin);
+        }
+        self.state = State::Running;
+        sink.start();
+    }
+}
