@@ -89,6 +89,7 @@ class Board:
         self.usart1 = add(Usart(self, 1, 0x4001_1000, (0x44, 4), 37, (self.dma2.streams[2], 4), (self.dma2.streams[7], 4)))
         for usart in (self.usart1, self.usart2):
             usart.attach(events)
+        self.usart2.plug_in(self.ports["A"], 3)
         self.otg, self.adc = add(OtgFs(self)), add(Adc(self))
         for name, base, size in (("ITM", 0xE000_0000, 0x1000), ("RTC", 0x4000_2800, 0x400), ("TPIU", 0xE004_0000, 0x1000)):
             add(Store(self, name, base)).size = size

@@ -25,6 +25,10 @@ class Rcc(Peripheral):
         self.regs = {}
         self._ready_at = {}
         self._cause_flags = 0
+        self._css_flag = False
+        self._use = "HSI"
+        # Periods in units, as HSI gives them; zero: the clock stands.
+        self.ahb = self.apb1 = self.apb2 = self.timer1 = self.timer2 = _UNIT_HZ // _HSI_HZ
 
     def note_cause(self, cause):
         """Adds a reset cause; any reset pulls the pin too."""
@@ -86,7 +90,6 @@ class Rcc(Peripheral):
         ahb = (1, 2, 4, 8, 16, 64, 128, 256, 512)[hpre - 7 if hpre >= 8 else 0]
         apb1, apb2 = (2 << ppre1 - 4 if ppre1 >= 4 else 1), (2 << ppre2 - 4 if ppre2 >= 4 else 1)
         self.system_hz = self._system_hz()
-        # Periods in units; zero: the clock stands.
         period = round(_UNIT_HZ / (self.system_hz / ahb)) if self.system_hz else 0
         self.ahb, self.apb1, self.apb2 = period, period * apb1, period * apb2
         self.timer1 = period * apb1 // (1 if apb1 == 1 else 2)

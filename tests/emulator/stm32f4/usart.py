@@ -27,7 +27,7 @@ class Usart(Peripheral):
         self.lost = 0  # bytes that an overrun destroyed
         self.arriving = deque()  # (time of the frame's end, byte, error flags, baud)
         self.on_sent = None
-        self.arrival = self.idle_line = self.shift_end = None
+        self.arrival = self.idle_line = self.shift_end = self.rx_pin = None
         self.wire_free = 0
         self.reset()
 
@@ -70,15 +70,30 @@ class Usart(Peripheral):
         if self.arriving and self.arrival.time == NEVER:
             self.arrival.set(self.arriving[0][0])
 
-    def receive_break(self, baud, frames=1):
-        """The line is low for longer than a frame: a zero byte with a framing error."""
-        self.receive(bytes(frames), baud, _FE, gap_bits=3)
+    def receive_break(self, baud, duration_us):
+        """The line is low for longer than a frame: one zero byte with a framing error; the next start bit needs an edge."""
+        events, start = self.board.machine.events, max(self.wire_free, self.board.machine.now)
+        end = start + round(max(duration_us * UNITS_PER_US, (_FRAME_BITS + 1) * UNITS_PER_US * 1_000_000 / baud))
+        self.receive(b"\0", baud, _FE)
+        self.wire_free = end
+        events.at(start, lambda: self._line(0))
+        events.at(end, lambda: self._line(1))
+
+    def _line(self, level):
+        if self.rx_pin:
+            self.rx_pin[0].drive(self.rx_pin[1], level)
+
+    def plug_in(self, port, pin):
+        """The cable: an idle line is high. Only breaks show at the pin, not the bits of bytes."""
+        self.rx_pin = (port, pin)
+        self._line(1)
 
     def unplug(self):
-        """What has not arrived never will."""
+        """What has not arrived never will; the open line idles high."""
         self.arriving.clear()
         self.arrival.cancel()
         self.wire_free = 0
+        self._line(1)
 
     def _arrives(self):
         _, byte, flags, baud = self.arriving.popleft()
@@ -240,8 +255,8 @@ class Serial:
         self._read += len(line) + 1
         return line.rstrip(b"\r").decode("ascii", "replace")
 
-    def send_break(self, frames=1):
-        self.usart.receive_break(self.baud, frames)
+    def send_break(self, duration_us=250_000):
+        self.usart.receive_break(self.baud, duration_us)
 
     def noise(self):
         """One byte that arrives with noise and a framing error."""
