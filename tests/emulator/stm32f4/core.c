@@ -26,7 +26,7 @@ struct core {
     uint32_t reason;      /* STOP_ */
     uint32_t exception;   /* Unicorn's number of it */
     uint32_t event;       /* the event register of WFE */
-    uint32_t it_left;     /* instructions of an IT block still to come: never stop among them */
+    uint32_t it_start, it_end; /* the IT block seen last: never stop inside */
     uint32_t watch_masks; /* an interrupt waits behind a mask: stop after each instruction that may lift one */
     uint32_t store_low, store_high;
     uint32_t flash_base, flash_size; /* stores into it call on_store always */
@@ -89,12 +89,27 @@ static void masks_written(void *uc, struct core *c, uint32_t pc, uint32_t op, ui
     if (c->watch_masks) c->limit = c->count; /* this instruction has been counted: stop before the next one */
 }
 
+/* Unicorn 2.1 notes the state of an IT block before it calls a hook inside, and leaves it standing after the block: the
+ * code that follows would become conditional. What it has noted is taken back here; it knows the state by itself. */
+static void clear_it_state(void *uc, struct core *c) {
+    uint32_t xpsr = 0;
+    c->reg_read(uc, c->reg[R_XPSR], &xpsr);
+    xpsr &= ~0x0600fc00u;
+    c->reg_write(uc, c->reg[R_XPSR], &xpsr);
+}
+
+static void note_it_block(struct core *c, uint32_t pc, uint32_t op) {
+    uint32_t left = 4 - (uint32_t)__builtin_ctz(op & 15);
+    c->it_start = c->it_end = pc + 2;
+    while (left--) c->it_end += c->flash[(c->it_end - c->flash_base) >> 1] >> 11 >= 0x1d ? 4 : 2;
+}
+
 void code_hook(void *uc, uint64_t address, uint32_t size, struct core *c) {
     uint32_t pc = (uint32_t)address;
     (void)size;
     c->last_pc = pc;
-    if (c->it_left) {
-        c->it_left--;
+    if (pc - c->it_start < c->it_end - c->it_start) {
+        clear_it_state(uc, c);
     } else if (c->count >= c->limit) {
         c->reason = STOP_LIMIT;
         c->emu_stop(uc);
@@ -107,7 +122,7 @@ void code_hook(void *uc, uint64_t address, uint32_t size, struct core *c) {
         switch (op >> 8) {
         case 0xbf:
             if (op & 15) { /* IT */
-                c->it_left = 4 - (uint32_t)__builtin_ctz(op & 15);
+                note_it_block(c, pc, op);
             } else if (op == 0xbf20) {
                 c->reason = STOP_WFE;
                 c->emu_stop(uc);
@@ -174,7 +189,6 @@ int exception_enter(void *uc, struct core *c, uint32_t pc, uint32_t number, uint
     set(uc, c, R_SP, base);
     set(uc, c, R_LR, (from_handler ? 0xfffffff1u : 0xfffffff9u) & ~(fp << 4));
     set(uc, c, R_XPSR, 1u << 24 | number);
-    c->it_left = 0;
     return failed;
 }
 

@@ -40,7 +40,7 @@ class _State(ctypes.Structure):
     _fields_ = [
         ("count", ctypes.c_uint64), ("limit", ctypes.c_uint64), ("store_sync", ctypes.c_uint64),
         ("last_pc", ctypes.c_uint32), ("reason", ctypes.c_uint32), ("exception", ctypes.c_uint32),
-        ("event", ctypes.c_uint32), ("it_left", ctypes.c_uint32), ("watch_masks", ctypes.c_uint32),
+        ("event", ctypes.c_uint32), ("it_start", ctypes.c_uint32), ("it_end", ctypes.c_uint32), ("watch_masks", ctypes.c_uint32),
         ("store_low", ctypes.c_uint32), ("store_high", ctypes.c_uint32),
         ("flash_base", ctypes.c_uint32), ("flash_size", ctypes.c_uint32), ("flash", ctypes.c_void_p),
         ("emu_stop", ctypes.c_void_p), ("reg_read", ctypes.c_void_p), ("reg_write", ctypes.c_void_p),
@@ -125,7 +125,8 @@ class Core:
             write(register, 0)
         write(arm.UC_ARM_REG_XPSR, 1 << 24)
         write(arm.UC_ARM_REG_LR, 0xFFFF_FFFF)
-        state.basepri = state.primask = state.faultmask = state.event = state.it_left = state.watch_masks = 0
+        state.basepri = state.primask = state.faultmask = state.event = state.watch_masks = 0
+        state.it_start = state.it_end = 0
         state.store_low = state.store_high = 0
         state.store_sync = FOREVER
 
