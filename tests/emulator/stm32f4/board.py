@@ -311,7 +311,7 @@ class Board:
             stream = self.tim8._stream(source)
             if stream and stream.memory and stream.total:
                 low, high = min(low, stream.m0ar), max(high, stream.m0ar + stream.width * stream.total)
-        self.core.state.store_low, self.core.state.store_high = (low, high) if high else (0, 0)
+        self.core.watch_ring(low, high - low) if high else self.core.watch_ring(0, 0)
         self.tim8.reschedule()
 
     def _stored(self, address, size, value):

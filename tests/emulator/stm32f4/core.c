@@ -21,14 +21,15 @@ struct section { /* one place where interrupts are masked */
 struct core {
     uint64_t count;       /* instructions executed since the machine was made */
     uint64_t limit;       /* stop before the instruction that would make count exceed this */
-    uint64_t store_sync;  /* stores into [store_low, store_high) call on_store from this count on */
+    uint64_t store_sync;  /* from this count on every store into the ring calls on_store */
     uint32_t last_pc;     /* the instruction in flight, or the one not yet executed after a stop */
     uint32_t reason;      /* STOP_ */
     uint32_t exception;   /* Unicorn's number of it */
     uint32_t event;       /* the event register of WFE */
     uint32_t it_start, it_end; /* the IT block seen last: never stop inside */
     uint32_t watch_masks; /* an interrupt waits behind a mask: stop after each instruction that may lift one */
-    uint32_t store_low, store_high;
+    /* Until then, only stores into the two windows of the ring that the streams may have reached (bytes from its start). */
+    uint32_t ring_base, ring_size, window[2], window_size;
     uint32_t flash_base, flash_size; /* stores into it call on_store always */
     const uint16_t *flash;
     int (*emu_stop)(void *);
@@ -150,11 +151,19 @@ void code_hook(void *uc, uint64_t address, uint32_t size, struct core *c) {
     c->count++;
 }
 
+static int in_window(const struct core *c, uint32_t offset, uint32_t window) {
+    return (offset >= window ? offset - window : offset + c->ring_size - window) < c->window_size;
+}
+
 void store_hook(void *uc, int type, uint64_t address, int size, int64_t value, struct core *c) {
-    uint32_t a = (uint32_t)address;
+    uint32_t a = (uint32_t)address, offset = a - c->ring_base;
     (void)uc; (void)type;
-    if ((a - c->store_low < c->store_high - c->store_low && c->count >= c->store_sync) || a - c->flash_base < c->flash_size)
-        c->on_store(a, (uint32_t)size, (uint32_t)value);
+    if (offset < c->ring_size) {
+        if (c->count < c->store_sync && !in_window(c, offset, c->window[0]) && !in_window(c, offset, c->window[1])) return;
+    } else if (a - c->flash_base >= c->flash_size) {
+        return;
+    }
+    c->on_store(a, (uint32_t)size, (uint32_t)value);
 }
 
 void exception_hook(void *uc, uint32_t number, struct core *c) {

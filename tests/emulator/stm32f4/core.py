@@ -41,7 +41,7 @@ class _State(ctypes.Structure):
         ("count", ctypes.c_uint64), ("limit", ctypes.c_uint64), ("store_sync", ctypes.c_uint64),
         ("last_pc", ctypes.c_uint32), ("reason", ctypes.c_uint32), ("exception", ctypes.c_uint32),
         ("event", ctypes.c_uint32), ("it_start", ctypes.c_uint32), ("it_end", ctypes.c_uint32), ("watch_masks", ctypes.c_uint32),
-        ("store_low", ctypes.c_uint32), ("store_high", ctypes.c_uint32),
+        ("ring_base", ctypes.c_uint32), ("ring_size", ctypes.c_uint32), ("window", ctypes.c_uint32 * 2), ("window_size", ctypes.c_uint32),
         ("flash_base", ctypes.c_uint32), ("flash_size", ctypes.c_uint32), ("flash", ctypes.c_void_p),
         ("emu_stop", ctypes.c_void_p), ("reg_read", ctypes.c_void_p), ("reg_write", ctypes.c_void_p),
         ("mem_read", ctypes.c_void_p), ("mem_write", ctypes.c_void_p), ("on_store", _ON_STORE),
@@ -107,12 +107,31 @@ class Core:
         state.store_sync = FOREVER
         state.on_store = self._on_store
         self._pointer = ctypes.addressof(state)
-        for kind, name in ((UC_HOOK_CODE, "code_hook"), (UC_HOOK_MEM_WRITE, "store_hook"), (UC_HOOK_INTR, "exception_hook")):
-            handle = ctypes.c_size_t()
-            function = ctypes.cast(getattr(self._library, name), pointer)
-            status = uclib.uc_hook_add(self.uc._uch, ctypes.byref(handle), kind, function, pointer(self._pointer),
-                                       ctypes.c_uint64(1), ctypes.c_uint64(0))
-            assert status == 0, f"Unicorn refused the hook {name}: {status}"
+        self._hook(UC_HOOK_CODE, "code_hook", 1, 0)
+        self._hook(UC_HOOK_INTR, "exception_hook", 1, 0)
+        # Bounded: a store inside the bounds of a hook costs much more than one outside.
+        self._hook(UC_HOOK_MEM_WRITE, "store_hook", FLASH_BASE, FLASH_BASE + FLASH_SIZE - 1)
+        self._ring_hook = None
+
+    def _hook(self, kind, name, begin, end):
+        handle = ctypes.c_size_t()
+        function = ctypes.cast(getattr(self._library, name), ctypes.c_void_p)
+        status = uclib.uc_hook_add(self.uc._uch, ctypes.byref(handle), kind, function, ctypes.c_void_p(self._pointer),
+                                   ctypes.c_uint64(begin), ctypes.c_uint64(end))
+        assert status == 0, f"Unicorn refused the hook {name}: {status}"
+        return handle
+
+    def watch_ring(self, base, size):
+        """Stores into this memory that DMA shares report themselves; size 0: none do."""
+        state = self.state
+        if (base, size) == (state.ring_base, state.ring_size):
+            return
+        if self._ring_hook is not None:
+            uclib.uc_hook_del(self.uc._uch, self._ring_hook)
+            self._ring_hook = None
+        state.ring_base, state.ring_size = base, size
+        if size:
+            self._ring_hook = self._hook(UC_HOOK_MEM_WRITE, "store_hook", base, base + size - 1)
 
     def randomise(self, memory, seed):
         """What a memory holds after power comes on: noise, the same for the same seed."""
@@ -127,7 +146,7 @@ class Core:
         write(arm.UC_ARM_REG_LR, 0xFFFF_FFFF)
         state.basepri = state.primask = state.faultmask = state.event = state.watch_masks = 0
         state.it_start = state.it_end = 0
-        state.store_low = state.store_high = 0
+        self.watch_ring(0, 0)
         state.store_sync = FOREVER
 
     def execute(self, pc):

@@ -17,6 +17,8 @@ _FILTER = ((0, 0), (2, 1), (4, 1), (8, 1), (6, 2), (8, 2), (6, 4), (8, 4), (6, 8
 _SYNC_CYCLES = 3
 # Streams: at most this many ticks at once, so that the second stream never overtakes what the first one reads.
 _BATCH = 64
+# While nothing else asks, the streams are looked after at least this often.
+_LOOK_TICKS = 192
 
 
 class Timer(Peripheral):
@@ -212,15 +214,20 @@ class Timer(Peripheral):
         ticks = self._ticks_to_event() if tick and self._counts() else None
         self.alarm.set(NEVER if ticks is None else self.ref + ticks * tick)
         if self.requests:
-            running = tick and self._counts() and self.dier & 0x7F00 and (self._stream("UP") or self._stream("CH1"))
-            self.board.machine.watch_stores(self._next_transfer(tick) if running else NEVER)
+            self._watch_ring(tick)
 
-    def _next_transfer(self, tick):
-        span = self.arr + 1
-        ticks = span - self.cnt
-        if self.dier >> 9 & 1 and self.ccr[0] <= self.arr:
-            ticks = min(ticks, (self.ccr[0] - self.cnt - 1) % span + 1)
-        return self.ref + ticks * tick
+    def _watch_ring(self, tick):
+        """What the streams may reach before the next look: a store there must first let them do what they have done."""
+        machine, state = self.board.machine, self.board.core.state
+        streams = [s for s in (self._stream("UP"), self._stream("CH1")) if s]
+        if not streams or not tick or not self._counts() or not self.dier & 0x7F00:
+            machine.watch_stores(NEVER)
+            state.window_size = 0
+            return
+        for i, stream in enumerate((streams[0], streams[-1])):
+            state.window[i] = stream.m0ar + 4 * stream.slot - state.ring_base
+        state.window_size = 4 * (_LOOK_TICKS + 8)
+        machine.watch_stores(self.ref + _LOOK_TICKS * (self.arr + 1) * tick)
 
     def _alarm(self):
         self.sync()
