@@ -88,7 +88,7 @@ impl Entry {
 /// Every command, in the order of the manual.
 pub const TABLE: &[Entry] = &[
     query(C::Identify, "*IDN", "Maker, model, serial number, version.").example("*IDN?"),
-    set(C::Reset, "*RST", NONE, "Aborts, moves nothing, sets every default; keeps calibration, home and limits."),
+    set(C::Reset, "*RST", NONE, "Aborts, moves nothing, sets every default; keeps calibration, home, limits and BAUD."),
     set(C::ClearStatus, "*CLS", NONE, "Clears events and the error queue of this link."),
     mask(C::EventEnable, "*ESE", BYTE, "Standard event status enable.").range("0..255", "0").example("*ESE 60"),
     query(C::EventStatus, "*ESR", "Standard event status; reading clears it.").example("*ESR?"),
