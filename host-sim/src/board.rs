@@ -6,6 +6,7 @@
 //! generator delays orders and reports by whole segments and lets the ring run low, so that every interleaving of
 //! the two halves can come up, and does again with the same seed.
 
+use crate::flash::{Flash, at_once};
 use crate::machine::Machine;
 use crate::twin::Mechanics;
 use stage_controller::controller::border::{Order, Orders, Report};
@@ -13,6 +14,7 @@ use stage_controller::controller::front::Front;
 use stage_controller::controller::generator::Generator;
 use stage_controller::stepgen::segment::Words;
 use stage_controller::stepgen::timing::MAX_GRID;
+use stage_controller::store::{Buffer, RECORD_CAPACITY, Store, service};
 use stage_controller::units::{FineSteps, SEGMENT_TICKS};
 use std::collections::VecDeque;
 
@@ -120,6 +122,9 @@ pub struct Board {
     interleaving: Interleaving,
     seeded: Seeded,
     hash: u64,
+    /// Where settings are kept.
+    pub store: Store<Flash>,
+    buffer: Box<Buffer>,
 }
 
 impl Board {
@@ -140,6 +145,8 @@ impl Board {
             interleaving,
             seeded: Seeded::new(seed),
             hash: 0xcbf2_9ce4_8422_2325,
+            store: Flash::blank().store(),
+            buffer: Box::new([0; RECORD_CAPACITY]),
         }
     }
 
@@ -162,6 +169,8 @@ impl Board {
             self.refill();
         }
         self.carry();
+        // on the chip the stream stands meanwhile; here it takes no time
+        at_once(service::serve(&mut self.store, &mut self.front, &mut self.buffer));
     }
 
     /// Steps until nothing is pending, at most `segments`; true when it came to rest.

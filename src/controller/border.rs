@@ -41,6 +41,15 @@ pub enum Action {
         /// The side on which it rests, or none.
         flank: Option<Flank>,
     },
+    /// How a motor stands after a start: its flank and its overlay. Only at standstill; an [`Action::Anchor`] follows.
+    Rest {
+        /// Which motor.
+        motor: u8,
+        /// The side on which it rests, or none.
+        flank: Option<Flank>,
+        /// Its overlay, whole steps.
+        overlay: i32,
+    },
     /// Pulse timing and sense of the motors. Only at standstill.
     Pulses(Timing),
 }

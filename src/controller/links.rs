@@ -14,6 +14,8 @@ struct Link {
     /// Time of the last byte, ms.
     last_traffic_ms: u64,
     open: bool,
+    /// It has been told that settings were lost.
+    told: bool,
 }
 
 /// `N` links, numbered from 0.
@@ -31,14 +33,14 @@ impl<const N: usize> Default for Links<N> {
 impl<const N: usize> Links<N> {
     /// All closed.
     pub fn new() -> Self {
-        let link = |n| Link { session: Session::new(n as u8), last_traffic_ms: 0, open: false };
+        let link = |n| Link { session: Session::new(n as u8), last_traffic_ms: 0, open: false, told: false };
         Links { links: core::array::from_fn(link) }
     }
 
     /// A link opens as after power-up; a free number, none when all are taken.
     pub fn open(&mut self, now_ms: u64) -> Option<usize> {
         let n = self.links.iter().position(|link| !link.open)?;
-        self.links[n] = Link { session: Session::new(n as u8), last_traffic_ms: now_ms, open: true };
+        self.links[n] = Link { session: Session::new(n as u8), last_traffic_ms: now_ms, open: true, told: false };
         Some(n)
     }
 
@@ -91,6 +93,10 @@ impl<const N: usize> Links<N> {
             }
             if quiet_ms > BLOCK_TIMEOUT_MS && link.session.awaits_block() {
                 link.session.timeout();
+            }
+            if let Some(lost) = front.settings_lost().filter(|_| !link.told) {
+                link.session.report(lost);
+                link.told = true;
             }
             progress |= link.session.poll(front);
         }

@@ -21,10 +21,11 @@ fn when(number: ErrorNumber) -> Option<&'static str> {
         InitIgnored => "kept for scans",
         SettingsConflict => {
             "a calibration block of another version or shape, a step rate above what the pulse timing allows, \
-             a pivot that is not defined, a step size while a calibration gives it, a move too slow to be planned"
+             a pivot that is not defined, a step size while a calibration gives it, a move too slow to be planned, `*RCL` with nothing saved"
         }
         DataOutOfRange => "a value or a move beyond a limit; the text names the axis and the value",
         DataCorrupt => "the CRC of a calibration block is wrong",
+        StorageFault => "settings could not be saved or read; what was saved before is still there",
         SystemError => "an answer that is too long",
         QueueOverflow => "more than 16 errors; the oldest are kept",
         FramingError => "a damaged byte on the serial port, most often a wrong baud rate; the message is dropped",
@@ -35,9 +36,8 @@ fn when(number: ErrorNumber) -> Option<&'static str> {
         NoCalibration => "a part of the compensation is switched on or asked for with no calibration loaded",
         AxisDisabled => "a motor that the move would step is disabled",
         PositionUncertain => "an immediate stop began above `VEL:STAR`: the count is exact, the motor may have slipped",
-        LimitSwitch | EmergencyStop | StepDeadline | SettingsLost | Clock | WatchdogRestart | DriverFault => {
-            "kept for the board"
-        }
+        SettingsLost => "saved settings could not be read at start; once on every link, and QUEStionable bit 8",
+        LimitSwitch | EmergencyStop | StepDeadline | Clock | WatchdogRestart | DriverFault => "kept for the board",
         _ => return None,
     })
 }

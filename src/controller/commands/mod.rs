@@ -6,6 +6,7 @@ mod axis;
 mod compensation;
 mod pose;
 mod setting;
+mod system;
 
 use super::front::{Front, axis_condition};
 use crate::error::Error;
@@ -14,6 +15,7 @@ use crate::scpi::response::Response;
 use crate::scpi::session::{Flow, Instrument};
 use crate::scpi::status::Conditions;
 use crate::scpi::tree::Command as C;
+use crate::settings::{JOG_TIMEOUT_MAX_MS, JOG_TIMEOUT_MIN_MS};
 use crate::units::Axis;
 use crate::units::decimal::Unit;
 use setting::{Setting, nanoseconds};
@@ -22,6 +24,7 @@ use setting::{Setting, nanoseconds};
 mod condition {
     pub const MOVING: u16 = 1 << 8;
     pub const TAKE_UP: u16 = 1 << 9;
+    pub const SETTINGS_LOST: u16 = 1 << 8;
     pub const LIMIT: u16 = 1 << 11;
 }
 
@@ -29,6 +32,10 @@ impl Instrument for Front {
     fn execute(&mut self, link: u8, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
         let stops = matches!(call.command, C::Abort | C::AxisStopImmediate | C::AxisStop | C::Stop);
         if !call.query && !stops && self.is_busy_at_the_border() {
+            return Ok(Flow::Wait);
+        }
+        let stores = matches!(call.command, C::Save | C::Recall | C::SystemPark);
+        if !call.query && !stops && !stores && self.storage_pending() {
             return Ok(Flow::Wait);
         }
         match call.command {
@@ -40,8 +47,8 @@ impl Instrument for Front {
                 let millisecond = nanoseconds(1);
                 let setting = Setting {
                     now: i64::from(self.settings.jog_timeout_ms) * millisecond,
-                    least: 10 * millisecond,
-                    most: 3_600_000 * millisecond,
+                    least: i64::from(JOG_TIMEOUT_MIN_MS) * millisecond,
+                    most: i64::from(JOG_TIMEOUT_MAX_MS) * millisecond,
                     default: 1000 * millisecond,
                 };
                 let parse = |p: &mut crate::scpi::params::Params<'_>| p.number(Unit::TIME);
@@ -49,6 +56,7 @@ impl Instrument for Front {
                     self.settings.jog_timeout_ms = ((t + millisecond / 2) / millisecond) as u32;
                 }
             }
+            C::Save | C::Recall | C::SystemPark | C::SerialBaud => return system::execute(self, call, out),
             C::Stop => self.stop_all(),
             C::Abort => self.abort(),
             C::StatusAxis => out.integer(self.axis_condition(call.axis())),
@@ -83,6 +91,9 @@ impl Instrument for Front {
         }
         if conditions.operation_instrument != 0 {
             conditions.operation |= condition::MOVING;
+        }
+        if self.settings_lost().is_some() {
+            conditions.questionable |= condition::SETTINGS_LOST;
         }
         if self.taking_up() != 0 {
             conditions.operation |= condition::TAKE_UP;

@@ -10,9 +10,12 @@ mod dry_run;
 mod flanks;
 mod motion;
 mod standstill;
+mod storage;
 
 pub use dry_run::Check;
 use flanks::Preload;
+use storage::Storage;
+pub use storage::{Start, StorageRequest};
 
 use super::border::{Action, Order, Report};
 use super::safety::Watch;
@@ -92,6 +95,7 @@ pub struct Front {
     told: [Option<PlayConfig>; AXES],
     /// Settings were set back during an abort: what follows from them is still to be ordered.
     reset_due: bool,
+    storage: Storage,
 }
 
 /// Counts without overlay that were named at standstill, and the order that says so.
@@ -141,6 +145,7 @@ impl Front {
             anchor: None,
             told: [None; AXES],
             reset_due: false,
+            storage: Storage::default(),
         };
         front.refresh();
         front
@@ -190,6 +195,7 @@ impl Front {
         self.hold = self.hold.filter(|sequence| !answered(*sequence));
         self.anchor = self.anchor.filter(|anchor| !answered(anchor.sequence));
         self.show_anchor();
+        self.storage.answered(answered);
         if self.planner.answer(report.answered, report.refused, report.next) {
             self.lead = (self.lead * 2).min(LEAD_MAX);
         }
@@ -266,8 +272,12 @@ impl Front {
 
     // ---- state ----
 
-    /// True while motion or take-up goes on, or is still to begin: what `*OPC` waits for.
+    /// True while motion or take-up goes on, or is still to begin, or settings are being saved: what `*OPC` waits for.
     pub fn operation_pending(&self) -> bool {
+        self.motion_pending() || self.storage.is_pending()
+    }
+
+    fn motion_pending(&self) -> bool {
         self.is_moving()
             || self.abort != Abort::None
             || self.preload.is_some()
