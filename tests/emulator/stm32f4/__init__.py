@@ -2,5 +2,6 @@
 
 from .board import Board, Timeout
 from .flash import PowerCut
+from .image import Image
 
-__all__ = ["Board", "PowerCut", "Timeout"]
+__all__ = ["Board", "Image", "PowerCut", "Timeout"]

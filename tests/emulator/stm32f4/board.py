@@ -49,7 +49,7 @@ class Board:
     to start with; the program is written over it. `baud`: the speed of the other end of the cable."""
 
     def __init__(self, elf_path, crystal="ok", vbat=True, flash=None, baud=115_200):
-        self.image = Image(elf_path)
+        self.image = elf_path if isinstance(elf_path, Image) else Image(elf_path)
         self.vbat = vbat
         self.core = Core(self._stored)
         self.merged_requests = 0
@@ -256,7 +256,7 @@ class Board:
         return 0x1001_0000 - self.machine.lowest_sp()
 
     def longest_masked(self):
-        """Sections with interrupts masked, longest first: (microseconds, times, function that begins it)."""
+        """Sections with interrupts masked, longest first: (microseconds without handlers that interrupt it, times, function that begins it)."""
         out = [(longest * self.machine.instruction / UNITS_PER_US, times, self.image.function_at(pc)) for pc, _, longest, times in self.core.sections()]
         return sorted(out, reverse=True)
 

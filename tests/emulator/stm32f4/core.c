@@ -41,8 +41,8 @@ struct core {
     int32_t reg[R_COUNT];
     /* Masks as last written, and the sections between raising and releasing them. */
     uint32_t basepri, primask, faultmask;
-    uint64_t section_start;
-    uint32_t section_pc;
+    uint64_t section_start, excluded, preempted_at; /* handlers that interrupt a section do not belong to it */
+    uint32_t section_pc, section_depth, depth;
     uint32_t sections_used;
     struct section sections[SECTIONS];
     /* Instructions at each address, when profiling is on (one counter per halfword of flash). */
@@ -53,8 +53,10 @@ static void section_change(struct core *c, uint32_t pc, uint32_t was, uint32_t i
     if (!was && is) {
         c->section_start = c->count;
         c->section_pc = pc;
+        c->section_depth = c->depth;
+        c->excluded = 0;
     } else if (was && !is) {
-        uint64_t length = c->count - c->section_start;
+        uint64_t length = c->count - c->section_start - c->excluded;
         uint32_t i;
         for (i = 0; i < c->sections_used && c->sections[i].pc != c->section_pc; i++) {}
         if (i == c->sections_used) {
@@ -194,6 +196,7 @@ int exception_enter(void *uc, struct core *c, uint32_t pc, uint32_t number, uint
         frame[25] = 0;
         set(uc, c, R_CONTROL, control & ~4u);
     }
+    if (c->depth++ == c->section_depth) c->preempted_at = c->count;
     int failed = c->mem_write(uc, base, frame, 4 * words) != 0;
     set(uc, c, R_SP, base);
     set(uc, c, R_LR, (from_handler ? 0xfffffff1u : 0xfffffff9u) & ~(fp << 4));
@@ -204,6 +207,7 @@ int exception_enter(void *uc, struct core *c, uint32_t pc, uint32_t number, uint
 /* Pops the frame that `exc_return` names; answers the return address, or 1 if the stack could not be read. */
 uint32_t exception_leave(void *uc, struct core *c, uint32_t exc_return) {
     uint32_t frame[26], sp = get(uc, c, R_SP), fp = !(exc_return >> 4 & 1), words = fp ? 26 : 8;
+    if (c->depth && --c->depth == c->section_depth) c->excluded += c->count - c->preempted_at;
     if (c->mem_read(uc, sp, frame, 4 * words)) return 1;
     for (int i = 0; i < 6; i++) set(uc, c, R_R0 + i, frame[i]);
     uint32_t control = get(uc, c, R_CONTROL) & ~4u;

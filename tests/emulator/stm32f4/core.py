@@ -47,7 +47,8 @@ class _State(ctypes.Structure):
         ("mem_read", ctypes.c_void_p), ("mem_write", ctypes.c_void_p), ("on_store", _ON_STORE),
         ("reg", ctypes.c_int32 * len(_REGISTERS)),
         ("basepri", ctypes.c_uint32), ("primask", ctypes.c_uint32), ("faultmask", ctypes.c_uint32),
-        ("section_start", ctypes.c_uint64), ("section_pc", ctypes.c_uint32), ("sections_used", ctypes.c_uint32),
+        ("section_start", ctypes.c_uint64), ("excluded", ctypes.c_uint64), ("preempted_at", ctypes.c_uint64),
+        ("section_pc", ctypes.c_uint32), ("section_depth", ctypes.c_uint32), ("depth", ctypes.c_uint32), ("sections_used", ctypes.c_uint32),
         ("sections", _Section * _SECTIONS), ("profile", ctypes.c_void_p),
     ]
 
@@ -144,7 +145,7 @@ class Core:
             write(register, 0)
         write(arm.UC_ARM_REG_XPSR, 1 << 24)
         write(arm.UC_ARM_REG_LR, 0xFFFF_FFFF)
-        state.basepri = state.primask = state.faultmask = state.event = state.watch_masks = 0
+        state.basepri = state.primask = state.faultmask = state.event = state.watch_masks = state.depth = 0
         state.it_start = state.it_end = 0
         self.watch_ring(0, 0)
         state.store_sync = FOREVER

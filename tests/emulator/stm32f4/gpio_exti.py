@@ -76,11 +76,10 @@ class Port(Peripheral):
 
     def read(self, offset):
         if offset in (_IDR, _ODR):
-            self._catch_up()
-            if offset == _ODR:
-                return self.odr
-            self._settle()
-            return self.levels
+            if self.stream is not None:
+                self._catch_up()
+                self._settle()
+            return self.odr if offset == _ODR else self.levels
         return self.regs.get(offset, 0)
 
     def other_bytes(self, offset):

@@ -21,6 +21,13 @@ class Image:
                     self.symbols[symbol.name] = symbol["st_value"]
             self._functions.sort()
 
+    @classmethod
+    def of_bytes(cls, segments):
+        """A program without an ELF file: [(address, bytes)]."""
+        self = cls.__new__(cls)
+        self.path, self.segments, self.symbols, self._functions = "", segments, {}, []
+        return self
+
     def function_at(self, address):
         """The name of the function around an address, its number in hexadecimal if there is none."""
         for start, size, name in reversed(self._functions):
