@@ -604,3 +604,16 @@ def test_a_peripheral_without_its_clock_does_not_answer():
     b.bus.store(RCC + 0x40, 0)
     b.bus.store(TIM3 + 0x2C, 5)
     assert b.bus.load(TIM3 + 0x2C) == 0 and len(b.bus.warnings) == 2
+
+
+@pytest.mark.parametrize("words_per_pass", [512, 64])
+def test_looking_after_the_streams_rarely_gives_the_same_words_as_looking_always(monkeypatch, words_per_pass):
+    main = (0x2200, 0x4804, 0x4904, 0x6002, 0x3004, 0x3901, 0xD1FB, 0x3201, 0xE7F7, 0xBF00, 0x1000, 0x2000, words_per_pass, 0)
+
+    def play():
+        b = streaming(board(main=main))
+        b.run(3000)
+        return b.words.slice().tobytes()
+    rarely = play()
+    monkeypatch.setattr("stm32f4.timers._LOOK_TICKS", 0)
+    assert play() == rarely
