@@ -41,6 +41,12 @@ pub enum Action {
         /// The side on which it rests, or none.
         flank: Option<Flank>,
     },
+    /// The motor rests on the reference flank, without overlay: its count is what it says. Only at standstill; an
+    /// [`Action::Anchor`] follows.
+    Reference {
+        /// Which motor.
+        motor: u8,
+    },
     /// Pulse timing and sense of the motors. Only at standstill.
     Pulses(Timing),
 }
@@ -110,6 +116,8 @@ pub struct Report {
     pub settled: bool,
     /// Aborts so far.
     pub aborts: u16,
+    /// The segment in which the last abort was.
+    pub halted: u64,
     /// Why the last abort was.
     pub halt: Halt,
     /// Inputs when the report was made.
