@@ -285,6 +285,7 @@ impl Front {
             || self.abort != Abort::None
             || self.preload.is_some()
             || self.homing.is_some()
+            || self.is_rearming()
             || !self.orders.is_empty()
             || self.report.answered != self.sequence
     }
