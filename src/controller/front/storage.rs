@@ -206,13 +206,19 @@ impl Front {
         done.then(|| self.storage.failed[(ticket & 1) as usize].map_or(Ok(()), Err))
     }
 
+    /// True when a request can be done now: everything stands and no order is on its way, so that the step output may
+    /// be paused.
+    pub fn storage_ready(&self) -> bool {
+        self.storage.is_pending() && !self.storage.underway && !self.motion_pending()
+    }
+
     /// What the owner of the flash is to do, once it may: everything stands and no order is on its way. It answers with
     /// [`Front::storage_done`]; until then nothing else is begun. [`crate::store::service::serve`] does both.
     pub fn take_storage_request(&mut self) -> Option<StorageRequest> {
-        if self.storage.underway || self.motion_pending() {
+        if !self.storage_ready() {
             return None;
         }
-        self.storage.underway = self.storage.is_pending();
+        self.storage.underway = true;
         self.storage.request
     }
 
