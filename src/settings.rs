@@ -50,6 +50,59 @@ pub struct BacklashSettings {
     pub margin: i32,
 }
 
+/// An end of a motor's travel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Side {
+    /// The lower end.
+    #[default]
+    Lower,
+    /// The upper end.
+    Upper,
+}
+
+/// How the inputs and outputs of a motor beside STEP and DIR are wired: facts of the cabinet, which `*RST` and another
+/// calibration leave alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Wiring {
+    /// Its limit switches are watched: they stop motion.
+    pub limits_on: bool,
+    /// Its limit switches are active when their line is high.
+    pub limits_high: bool,
+    /// The enable line of its driver is active when high.
+    pub enable_high: bool,
+    /// The fault line of its driver is active when high.
+    pub fault_high: bool,
+}
+
+impl Default for Wiring {
+    /// Limit switches are not watched, so that a bare board moves. All inputs are pulled up: a normally closed switch
+    /// to ground is active when its line is high, and so is a broken wire; a fault line is an open collector to ground.
+    fn default() -> Self {
+        Wiring { limits_on: false, limits_high: true, enable_high: false, fault_high: false }
+    }
+}
+
+/// How an axis is homed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HomeSettings {
+    /// On the limit switch of this end.
+    pub side: Side,
+    /// Velocity of the fast approach, nm/s or nrad/s.
+    pub velocity: u64,
+    /// Where the motor stands once it is homed, nm or nrad; none: the end of the travel on that side.
+    pub offset: Option<i32>,
+}
+
+impl HomeSettings {
+    /// Where the motor stands once it is homed, nm or nrad.
+    pub fn reference(&self, motor: &MotorData) -> i32 {
+        self.offset.unwrap_or(match self.side {
+            Side::Lower => motor.travel_lower,
+            Side::Upper => motor.travel_upper,
+        })
+    }
+}
+
 /// Settings of one axis and its motor. Lengths in nm or nrad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AxisSettings {
@@ -75,6 +128,10 @@ pub struct AxisSettings {
     pub timing: MotorTiming,
     /// Backlash.
     pub backlash: BacklashSettings,
+    /// Switches and driver lines.
+    pub wiring: Wiring,
+    /// Homing.
+    pub home: HomeSettings,
 }
 
 /// Everything that a user can set and that `*RST` sets back.
@@ -113,6 +170,9 @@ pub const TAKE_UP_SHARE_MAX: u64 = 2;
 pub const TAKE_UP_SHARE_MIN: u64 = 100;
 /// Default share: a tenth.
 pub const TAKE_UP_SHARE_DEFAULT: u64 = 10;
+
+/// Default velocity of homing: this part of the motor's.
+pub const HOME_PART: u64 = 4;
 
 /// Motor data that hold while no calibration is loaded: the coarse steps and modest rates of a common stage.
 pub fn uncalibrated(axis: Axis, step_q32: u64) -> MotorData {
@@ -172,6 +232,8 @@ impl AxisSettings {
                 dead_band: 1,
                 margin: 10,
             },
+            wiring: Wiring::default(),
+            home: HomeSettings { side: Side::Lower, velocity: (motor.velocity / HOME_PART).max(1), offset: None },
         }
     }
 

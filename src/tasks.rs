@@ -30,6 +30,11 @@ impl<const N: usize> Controller<N> {
         Controller { front, links: Links::new(), open: [None; N], broken_until: [0; N] }
     }
 
+    /// True when every answer to what came through a port has been handed to it.
+    pub fn has_answered(&self, n: usize) -> bool {
+        self.open[n].is_none_or(|link| self.links.is_quiet(link))
+    }
+
     /// One turn: reports up, bytes in, commands, orders down, answers out. Never waits. `now_ms`: time since the start.
     pub fn turn(&mut self, hal: &mut impl Hal, ports: &mut [&mut dyn Port; N], now_ms: u64) {
         let mut traffic = false;
@@ -50,7 +55,7 @@ impl<const N: usize> Controller<N> {
             }
         }
         hal.set_watch(self.front.watch());
-        hal.set_enables(self.front.enable_lines());
+        hal.set_enables(self.front.enable_lines(), self.front.disabled_lines());
         let report = self.front.report();
         hal.show(Signs { moving: self.front.is_moving(), fault: report.latched, traffic });
     }
@@ -70,6 +75,8 @@ impl<const N: usize> Controller<N> {
         if self.front.take_rearm() {
             hal.rearm();
         }
+        // before the orders: what is to move is marked before it moves
+        hal.keep(self.front.standstill_record());
         while hal.can_order() {
             let Some(order) = self.front.next_order() else { break };
             hal.order(order);

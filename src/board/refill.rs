@@ -15,6 +15,7 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::Interrupt;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
+use embassy_time::Timer;
 use heapless::spsc::{Consumer, Producer, Queue};
 use stage_controller::controller::border::{Order, Report};
 use stage_controller::controller::generator::Generator;
@@ -138,9 +139,18 @@ pub fn halt(halt: Halt) {
     NVIC::pend(Interrupt::TIM2);
 }
 
-/// Lets the stream stand, at standstill, or go on.
-pub fn pause(pause: bool) {
-    PAUSE.store(pause, Ordering::Relaxed);
+/// Lets the stream stand, at standstill, and waits until it does.
+pub async fn pause() {
+    PAUSE.store(true, Ordering::Relaxed);
+    attend();
+    while !STANDING.load(Ordering::Relaxed) {
+        Timer::after_micros(100).await;
+    }
+}
+
+/// Lets the stream go on after a pause.
+pub fn resume() {
+    PAUSE.store(false, Ordering::Relaxed);
     attend();
 }
 

@@ -50,6 +50,12 @@ pub enum Action {
         /// Its overlay, whole steps.
         overlay: i32,
     },
+    /// The motor rests on the reference flank, without overlay: its count is what it says. Only at standstill; an
+    /// [`Action::Anchor`] follows.
+    Reference {
+        /// Which motor.
+        motor: u8,
+    },
     /// Pulse timing and sense of the motors. Only at standstill.
     Pulses(Timing),
 }
@@ -119,6 +125,8 @@ pub struct Report {
     pub settled: bool,
     /// Aborts so far.
     pub aborts: u16,
+    /// The segment in which the last abort was.
+    pub halted: u64,
     /// Why the last abort was.
     pub halt: Halt,
     /// Inputs when the report was made.

@@ -40,6 +40,9 @@ struct Start {
     emitters: [Emitter; AXES],
     plays: [Play; AXES],
     moving: u8,
+    /// Motors that step up, down, in the segment.
+    up: u8,
+    down: u8,
 }
 
 /// Profile, law, backlash and placement of all motors.
@@ -60,6 +63,10 @@ pub struct Generator {
     answered: u16,
     refused: u32,
     aborts: u16,
+    /// The segment in which the last abort was.
+    halted: u64,
+    /// Segments completely played, as far as known.
+    played: u64,
     history: [Start; HISTORY],
 }
 
@@ -83,6 +90,8 @@ impl Generator {
             answered: 0,
             refused: 0,
             aborts: 0,
+            halted: 0,
+            played: 0,
             history: [Start::default(); HISTORY],
         };
         generator.anchor(FinePose::default(), MotorSteps::default());
@@ -91,6 +100,7 @@ impl Generator {
 
     /// Writes the words of the next segment. `played`: segments completely played so far.
     pub fn refill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
+        self.played = played;
         self.take_orders(orders);
         let moving = self.moving_axes();
         self.remember(moving);
@@ -117,10 +127,18 @@ impl Generator {
             self.target = self.law.motors(&pose, &mut self.remembered);
         }
         let from = self.motor;
+        let (mut up, mut down) = (0, 0);
         for i in 0..AXES {
             let target = self.target.0[i];
             let overlay = self.plays[i].advance((target >> 32) as i32, moving, &self.configs[i]);
             self.motor.0[i] = target.wrapping_add(overlay);
+            let due = ((self.motor.0[i] >> 32) as i32).wrapping_sub((from.0[i] >> 32) as i32);
+            let waiting = self.emitters[i].waiting();
+            up |= u8::from(due > 0 || waiting > 0) << i;
+            down |= u8::from(due < 0 || waiting < 0) << i;
+        }
+        if let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) {
+            (start.up, start.down) = (up, down);
         }
         place_all(&mut self.emitters, &from, &self.motor, first_tick(self.segment), &self.timing, words);
     }
@@ -210,6 +228,14 @@ impl Generator {
                 }
                 None => false,
             },
+            Action::Reference { motor } => match self.plays.get_mut(usize::from(motor)) {
+                Some(play) => {
+                    let config = &self.configs[usize::from(motor)];
+                    *play = Play::resting((self.target.0[usize::from(motor)] >> 32) as i32, Some(config.reference), 0);
+                    true
+                }
+                None => false,
+            },
             Action::Pulses(timing) => {
                 self.timing = timing;
                 true
@@ -232,7 +258,7 @@ impl Generator {
         // what is still to be played is silence: reports and an abort in it speak of the new counts
         let Generator { target, motor, emitters, plays, .. } = *self;
         for start in &mut self.history {
-            *start = Start { segment: start.segment, target, motor, emitters, plays, moving: 0 };
+            *start = Start { segment: start.segment, target, motor, emitters, plays, ..Start::default() };
         }
     }
 
@@ -264,6 +290,7 @@ impl Generator {
         }
         self.segment = segment + 1;
         self.busy_until = self.segment;
+        (self.halted, self.played) = (segment, self.segment);
     }
 
     fn start_of(&self, segment: u64) -> Option<&Start> {
@@ -280,7 +307,7 @@ impl Generator {
             motor: self.motor,
             emitters: self.emitters,
             plays: self.plays,
-            moving: 0,
+            ..Start::default()
         }
     }
 
@@ -313,6 +340,7 @@ impl Generator {
             final_steps: self.target.floor(),
             settled: played >= self.busy_until,
             aborts: self.aborts,
+            halted: self.halted,
             overlay: self.plays.map(|p| p.overlay()),
             ..Report::default()
         };
@@ -330,6 +358,7 @@ impl Generator {
                 &self.plays
             }
         };
+        (report.stepping_up, report.stepping_down) = self.stepping_from(played);
         for (i, (play, config)) in plays.iter().zip(&self.configs).enumerate() {
             report.taking_up |= u8::from(play.is_taking_up()) << i;
             report.negative |= u8::from(play.flank() == Flank::Negative) << i;
@@ -341,7 +370,13 @@ impl Generator {
 
     /// Motors that may be stepping up, down, in what plays or waits to be played.
     pub fn stepping(&self) -> (u8, u8) {
-        (0, 0)
+        self.stepping_from(self.played)
+    }
+
+    /// The same from a segment on.
+    fn stepping_from(&self, first: u64) -> (u8, u8) {
+        let waits = |start: &&Start| (first..self.segment).contains(&start.segment);
+        self.history.iter().filter(waits).fold((0, 0), |(up, down), start| (up | start.up, down | start.down))
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests

@@ -49,6 +49,8 @@ impl AxisSettings {
             (limits, "a saved soft limit"),
             ((STEP_MIN..STEP_END).contains(&self.step_q32), "the saved step size"),
             (backlash, "the saved backlash"),
+            (rate(self.home.velocity, 1, motor.velocity), "the saved velocity of homing"),
+            (self.home.offset.is_none_or(coordinate), "the saved home offset"),
         ];
         checks.iter().find(|(good, _)| !good).map_or(Ok(()), |(_, what)| Err(*what))
     }

@@ -1,6 +1,7 @@
 //! Commands of one axis and its motor.
 
 use super::setting::Setting;
+use super::{home, wiring};
 use crate::compensation::backlash::Flank;
 use crate::compensation::calibration::{STEP_END, STEP_MIN};
 use crate::controller::front::Front;
@@ -82,6 +83,14 @@ pub fn execute(front: &mut Front, axis: Axis, link: u8, call: &Call<'_>, out: &m
         C::AxisEnable => {
             let on = Setting::switch(front.is_enabled(axis), false).access_switch(call, |v| out.integer(v))?;
             on.map_or(Ok(()), |on| front.set_enabled(axis, on))
+        }
+        C::AxisEnablePolarity
+        | C::AxisFaultPolarity
+        | C::AxisLimitHard
+        | C::AxisLimitHardPolarity
+        | C::AxisLimitHardState => wiring::execute(front, axis, call, out),
+        C::AxisHome | C::AxisHomeType | C::AxisHomeVelocity | C::AxisHomeOffset | C::AxisHomeState => {
+            home::execute(front, axis, call, out)
         }
         C::AxisStepSize => step_size(front, axis, call, out),
         C::AxisStepInvert | C::AxisStepTiming => pulses(front, axis, call, out),

@@ -4,9 +4,11 @@
 
 mod axis;
 mod compensation;
+mod home;
 mod pose;
 mod setting;
 mod system;
+mod wiring;
 
 use super::front::{Front, axis_condition};
 use crate::error::Error;
@@ -22,15 +24,20 @@ use setting::{Setting, nanoseconds};
 
 /// Bits of STATus:OPERation and STATus:QUEStionable.
 mod condition {
+    pub const HOMING: u16 = 1 << 0;
     pub const MOVING: u16 = 1 << 8;
     pub const TAKE_UP: u16 = 1 << 9;
     pub const SETTINGS_LOST: u16 = 1 << 8;
+    pub const DEADLINE: u16 = 1 << 9;
+    pub const EMERGENCY_STOP: u16 = 1 << 10;
     pub const LIMIT: u16 = 1 << 11;
+    pub const INTERNAL_OSCILLATOR: u16 = 1 << 12;
 }
 
 impl Instrument for Front {
     fn execute(&mut self, link: u8, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
-        let stops = matches!(call.command, C::Abort | C::AxisStopImmediate | C::AxisStop | C::Stop);
+        let stops =
+            matches!(call.command, C::Abort | C::AxisStopImmediate | C::AxisStop | C::Stop | C::EmergencyStopClear);
         if !call.query && !stops && self.is_busy_at_the_border() {
             return Ok(Flow::Wait);
         }
@@ -59,6 +66,11 @@ impl Instrument for Front {
             C::Save | C::Recall | C::SystemPark | C::SerialBaud => return system::execute(self, call, out),
             C::Stop => self.stop_all(),
             C::Abort => self.abort(),
+            C::EmergencyStopState => {
+                out.integer(u8::from(self.is_stopped()));
+                out.integer(u8::from(self.stop_contact_open()));
+            }
+            C::EmergencyStopClear => self.clear_stop()?,
             C::StatusAxis => out.integer(self.axis_condition(call.axis())),
             _ => return other(self, link, call, out),
         }
@@ -82,21 +94,36 @@ impl Instrument for Front {
             if has(axis_condition::MOVING) {
                 conditions.operation_instrument |= bit;
             }
-            if !has(axis_condition::HOMED) || has(axis_condition::UNCERTAIN) {
+            if !has(axis_condition::HOMED) || has(axis_condition::UNCERTAIN | axis_condition::DRIVER_FAULT) {
                 conditions.questionable_instrument |= bit;
             }
-            if has(axis_condition::SOFT_LOW | axis_condition::SOFT_HIGH) {
+            let limits = axis_condition::SOFT_LOW
+                | axis_condition::SOFT_HIGH
+                | axis_condition::HARD_LOW
+                | axis_condition::HARD_HIGH;
+            if has(limits) {
                 conditions.questionable |= condition::LIMIT;
             }
         }
         if conditions.operation_instrument != 0 {
             conditions.operation |= condition::MOVING;
         }
-        if self.settings_lost().is_some() {
-            conditions.questionable |= condition::SETTINGS_LOST;
-        }
         if self.taking_up() != 0 {
             conditions.operation |= condition::TAKE_UP;
+        }
+        if self.homing_axis().is_some() {
+            conditions.operation |= condition::HOMING;
+        }
+        let health = self.health();
+        for (set, bit) in [
+            (self.settings_lost().is_some(), condition::SETTINGS_LOST),
+            (self.missed_deadline(), condition::DEADLINE),
+            (self.is_stopped(), condition::EMERGENCY_STOP),
+            (health.internal_oscillator, condition::INTERNAL_OSCILLATOR),
+        ] {
+            if set {
+                conditions.questionable |= bit;
+            }
         }
         conditions
     }

@@ -1,10 +1,10 @@
 //! What is saved and recalled, and the request for it on its way to whoever owns the flash.
 
+use super::orders::Waiting;
 use super::{Abort, Front, LEVER_LIMIT_NM, PIVOTS, check_step_rates};
 use crate::compensation::backlash::Flank;
 use crate::compensation::calibration::Calibration;
 use crate::compensation::law::{Law, largest_lever_nm};
-use crate::controller::border::Action;
 use crate::error::{Error, ErrorNumber};
 use crate::settings::{self, Settings};
 use crate::stepgen::timing::Timing;
@@ -85,8 +85,8 @@ impl Front {
         self.check_standing(&law)?;
         let block = heapless::Vec::from_slice(record.block)
             .map_err(|_| Error::text(ErrorNumber::SettingsConflict, "calibration block length"))?;
-        self.order(Action::Pulses(timing))?;
         self.timing = timing;
+        self.order(Waiting::Pulses)?;
         self.settings = record.settings;
         (self.calibration, self.block) = (calibration, block);
         (self.pivots, self.pivot) = match self.calibration {
@@ -160,7 +160,7 @@ impl Front {
             let negative = standstill.negative >> i & 1 != 0;
             let flank = if negative { Flank::Negative } else { Flank::Positive };
             let flank = (standstill.known >> i & 1 != 0).then_some(flank);
-            self.order(Action::Rest { motor: i as u8, flank, overlay })?;
+            self.order(Waiting::Rest { motor: i as u8, flank, overlay })?;
         }
         self.report.overlay = standstill.overlay;
         (self.report.known, self.report.negative) = (standstill.known, standstill.negative);
@@ -206,13 +206,19 @@ impl Front {
         done.then(|| self.storage.failed[(ticket & 1) as usize].map_or(Ok(()), Err))
     }
 
+    /// True when a request can be done now: everything stands and no order is on its way, so that the step output may
+    /// be paused.
+    pub fn storage_ready(&self) -> bool {
+        self.storage.is_pending() && !self.storage.underway && !self.motion_pending()
+    }
+
     /// What the owner of the flash is to do, once it may: everything stands and no order is on its way. It answers with
     /// [`Front::storage_done`]; until then nothing else is begun. [`crate::store::service::serve`] does both.
     pub fn take_storage_request(&mut self) -> Option<StorageRequest> {
-        if self.storage.underway || self.motion_pending() {
+        if !self.storage_ready() {
             return None;
         }
-        self.storage.underway = self.storage.is_pending();
+        self.storage.underway = true;
         self.storage.request
     }
 

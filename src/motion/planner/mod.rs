@@ -243,6 +243,12 @@ impl Planner {
         self.slots.iter().any(|s| s.latest().is_some())
     }
 
+    /// The track that was ordered under this number, while it is unanswered.
+    pub fn on_its_way(&self, slot: u8, sequence: u16) -> Option<Track> {
+        let flight = self.slots.get(usize::from(slot))?.flight.filter(|flight| flight.sequence == sequence)?;
+        Some(flight.active.track)
+    }
+
     /// The wanted speed has changed: what runs is planned again.
     pub fn replan_all(&mut self) {
         for slot in &mut self.slots {
