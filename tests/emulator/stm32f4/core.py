@@ -169,6 +169,10 @@ class Core:
     def sp(self):
         return self.uc.reg_read(arm.UC_ARM_REG_SP)
 
+    @sp.setter
+    def sp(self, value):
+        self.uc.reg_write(arm.UC_ARM_REG_SP, value)
+
     @property
     def pc(self):
         return self.uc.reg_read(arm.UC_ARM_REG_PC)

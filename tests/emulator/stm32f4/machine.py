@@ -14,6 +14,8 @@ EXCEPTION_CYCLES = 12
 # UcError number for an instruction that the decoder refuses.
 _UC_ERR_INSN_INVALID = 10
 _PAINT = 0xC5
+# cortex-m-rt paints the stack too, before main.
+_PAINTS = bytes([_PAINT, 0xCC])
 
 
 class Machine:
@@ -94,9 +96,7 @@ class Machine:
 
     def start(self, stack, entry):
         """Begins at the reset vector."""
-        from unicorn import arm_const as arm
-        self.core.uc.reg_write(arm.UC_ARM_REG_MSP, stack)
-        self.core.uc.reg_write(arm.UC_ARM_REG_SP, stack)
+        self.core.sp = stack
         self.pc = entry & ~1
 
     @property
@@ -287,4 +287,4 @@ class Machine:
     def lowest_sp(self):
         """The lowest address of the stack's memory that was ever written since it was painted."""
         content = bytes(self.core.ccm)
-        return CCM_BASE + len(content) - len(content.lstrip(bytes([_PAINT])))
+        return CCM_BASE + len(content) - len(content.lstrip(_PAINTS))

@@ -307,7 +307,32 @@ class Timer(Peripheral):
         for irq, level in lines.items():
             self.board.nvic.set_line(irq, level)
 
+    def _updates_ahead(self):
+        """Update events since the last look that TRGO hands on; None if it takes a look to tell."""
+        tick = self._period
+        if not tick or not self._counts() or self.regs.get(_CR2, 0) >> 4 & 7 != 2:
+            return 0
+        if self.cnt > self.arr or not self.arr or self.cr1 & (_UDIS | _OPM):
+            return None
+        return (self.cnt + (self.board.machine.now - self.ref) // tick) // (self.arr + 1)
+
+    def _count(self):
+        """The counter now, without serving what its ticks ask for where that is possible."""
+        if self.external and self.master and self.master[0] == self.smcr >> 4 & 7 and self.cr1 & _CEN and not self.frozen:
+            ahead = self.master[1]._updates_ahead()
+            ticks = None if ahead is None else (self.phase + ahead) // (self.psc + 1)
+        elif not self.external and self._counts() and self._period:
+            ticks = (self.board.machine.now - self.ref) // self._period
+        else:
+            ticks = 0
+        if ticks is None or self.cnt + ticks > self.arr:
+            self.sync()
+            return self.cnt
+        return self.cnt + ticks
+
     def read(self, offset):
+        if offset == _CNT:
+            return self._count()
         self.sync()
         if _CCR1 <= offset < _CCR1 + 16:
             return self.ccr[(offset - _CCR1) // 4]
