@@ -75,6 +75,8 @@ async fn main(spawner: Spawner) {
             baud = controller.front.baud();
             usart::BAUD.signal(baud);
         }
+        // the other tasks have their turn even if there is more to do
+        embassy_futures::yield_now().await;
         select3(refill::REFILLED.wait(), ARRIVED.wait(), Timer::after(TURN)).await;
     }
 }

@@ -65,8 +65,12 @@ impl<'a, const N: usize> Controller<'a, N> {
 
     fn take_reports(&mut self, hal: &mut impl Hal) {
         while let Some(report) = hal.report() {
+            let changed = report.differs(self.front.report());
             self.front.receive_report(report);
-            self.links.observe(self.front);
+            if changed {
+                // short conditions are latched when they change, not only when a client asks
+                self.links.observe(self.front);
+            }
         }
         self.front.plan();
     }
