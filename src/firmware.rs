@@ -11,6 +11,7 @@ use embassy_futures::select::select3;
 use embassy_time::{Duration, Instant, Timer};
 use stage_controller::controller::front::{Front, Health, Start};
 use stage_controller::controller::generator::Generator;
+use stage_controller::controller::links::Links;
 use stage_controller::hal::Port;
 use stage_controller::store::standstill::Keeper;
 use stage_controller::store::{Buffer, RECORD_CAPACITY, Store, service};
@@ -24,20 +25,21 @@ const TURN: Duration = Duration::from_millis(1);
 
 static SERIAL: Plug = Plug::new();
 static USB: Plug = Plug::new();
-static CONTROLLER: StaticCell<Controller<PORTS>> = StaticCell::new();
+static FRONT: StaticCell<Front> = StaticCell::new();
+static LINKS: StaticCell<Links<PORTS>> = StaticCell::new();
 static RECORD: ConstStaticCell<Buffer> = ConstStaticCell::new([0; RECORD_CAPACITY]);
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let (parts, start) = board::start();
     defmt::info!("start after {}, crystal {}", start.cause, !start.internal_oscillator);
-    let controller = CONTROLLER.init_with(|| Controller::new(Front::new()));
+    let front = new_front();
     let record = RECORD.take();
     let mut store = Store::new(SettingsFlash::new(parts.FLASH), flash::START);
     let backup = Backup::open();
-    let keeper = wake_up(&mut controller.front, start, &mut store, &backup, record).await;
+    let keeper = wake_up(front, start, &mut store, &backup, record).await;
 
-    let mut baud = controller.front.baud();
+    let mut baud = front.baud();
     let serial = usart::Parts {
         usart: parts.USART2,
         rx: parts.PA3,
@@ -52,11 +54,11 @@ async fn main(spawner: Spawner) {
         let parts = usb::Parts { usb: parts.USB_OTG_FS, dp: parts.PA12, dm: parts.PA11 };
         spawner.spawn(defmt::unwrap!(usb::run(parts, embassy_stm32::uid::uid_hex(), &USB)));
     }
-    let (law, timing) = controller.front.generator_setup();
-    let border = refill::start(Generator::new(law, timing));
+    let border = start_refill(front);
     spawner.spawn(defmt::unwrap!(supervision::supervise(supervision::start(parts.IWDG))));
 
     let mut board = Board::new(border, backup, keeper);
+    let mut controller = Controller::new(front, new_links());
     let (mut serial, mut usb) = (Socket::new(&SERIAL), Socket::new(&USB));
     loop {
         let mut ports: [&mut dyn Port; PORTS] = [&mut serial, &mut usb];
@@ -65,7 +67,7 @@ async fn main(spawner: Spawner) {
         if controller.front.storage_ready() {
             // the processor stands while flash is written: so must the steps
             refill::pause().await;
-            service::serve(&mut store, &mut controller.front, record).await;
+            service::serve(&mut store, controller.front, record).await;
             refill::resume();
             continue;
         }
@@ -73,8 +75,28 @@ async fn main(spawner: Spawner) {
             baud = controller.front.baud();
             usart::BAUD.signal(baud);
         }
+        // the other tasks have their turn even if there is more to do
+        embassy_futures::yield_now().await;
         select3(refill::REFILLED.wait(), ARRIVED.wait(), Timer::after(TURN)).await;
     }
+}
+
+// What is large is made in functions of its own: their stack is free again before the next one needs it.
+
+#[inline(never)]
+fn new_front() -> &'static mut Front {
+    FRONT.init_with(Front::new)
+}
+
+#[inline(never)]
+fn new_links() -> &'static mut Links<PORTS> {
+    LINKS.init_with(Links::new)
+}
+
+#[inline(never)]
+fn start_refill(front: &Front) -> refill::Border {
+    let (law, timing) = front.generator_setup();
+    refill::start(Generator::new(law, timing))
 }
 
 /// Puts the saved settings in force and says where the motors stand.

@@ -16,9 +16,9 @@ pub mod usb;
 
 use backup::Backup;
 use clock::ResetCause;
+use embassy_stm32::Peripherals;
 use embassy_stm32::interrupt::Priority;
 use embassy_stm32::pac;
-use embassy_stm32::Peripherals;
 use refill::Border;
 use stage_controller::controller::border::{Order, Report};
 use stage_controller::controller::safety::{Halt, Watch};

@@ -27,6 +27,9 @@ use static_cell::StaticCell;
 const ORDERS: usize = 5;
 const REPORTS: usize = 9;
 
+/// The thread is woken by what changes, and after this many refills anyhow: before the reports have filled their queue.
+const CALM: u8 = 4;
+
 /// Lines of EXTI that carry limit switches.
 const SWITCH_LINES: u32 = {
     let (mut lines, mut n) = (0, 0);
@@ -43,6 +46,9 @@ struct Owned {
     sink: StepDma,
     orders: Consumer<'static, Order>,
     reports: Producer<'static, Report>,
+    last: Report,
+    /// Refills until the thread is woken although nothing has changed.
+    calm: u8,
 }
 
 /// Memory of the refill alone.
@@ -82,7 +88,14 @@ pub fn start(generator: Generator) -> Border {
     let (reports, reports_out) = UP.init(Queue::new()).split();
     // SAFETY: the interrupt that uses it is still masked; the cells above allow one call only.
     unsafe {
-        *OWNED.0.get() = Some(Owned { stream: Stream::new(generator), sink: StepDma::new(), orders, reports });
+        *OWNED.0.get() = Some(Owned {
+            stream: Stream::new(generator),
+            sink: StepDma::new(),
+            orders,
+            reports,
+            last: Report::default(),
+            calm: 0,
+        });
     }
     watch_switches();
     for (interrupt, priority) in [
@@ -193,7 +206,7 @@ fn decode(code: u32) -> Option<Halt> {
 #[interrupt]
 fn TIM2() {
     // SAFETY: this interrupt alone, which does not nest.
-    let Some(Owned { stream, sink, orders, reports }) = (unsafe { &mut *OWNED.0.get() }) else { return };
+    let Some(Owned { stream, sink, orders, reports, last, calm }) = (unsafe { &mut *OWNED.0.get() }) else { return };
     sink.await_border();
     let wishes = Wishes { pause: PAUSE.load(Ordering::Relaxed), rearm: REARM.swap(false, Ordering::Relaxed) };
     let watch = Watch::from_bits(WATCH.load(Ordering::Relaxed));
@@ -202,10 +215,16 @@ fn TIM2() {
     let (up, down) = stream.stepping();
     STEPPING.store(u32::from(down) << 8 | u32::from(up), Ordering::Relaxed);
     STANDING.store(!stream.is_running(), Ordering::Relaxed);
+    let changed = report.differs(last);
+    *last = report;
     // a full queue means that the thread has newer ones to read than it can; each stands alone
     let _ = reports.enqueue(report);
     supervision::refill_ran();
-    NVIC::pend(WAKER);
+    *calm = calm.saturating_sub(1);
+    if changed || *calm == 0 {
+        *calm = CALM;
+        NVIC::pend(WAKER);
+    }
 }
 
 /// Judges the limit switches on an edge of one.

@@ -138,3 +138,13 @@ pub struct Report {
     /// Bit n: the same downwards.
     pub stepping_down: u8,
 }
+
+impl Report {
+    /// True when it tells of more than the march of time and counts: what moves, rests, is known or was answered.
+    pub fn differs(&self, before: &Report) -> bool {
+        let state = |r: &Report| {
+            (r.answered, r.aborts, r.moving, r.taking_up, r.negative, r.known, r.owing, r.settled, r.inputs, r.latched)
+        };
+        state(self) != state(before)
+    }
+}

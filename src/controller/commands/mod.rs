@@ -87,8 +87,7 @@ impl Instrument for Front {
 
     fn conditions(&self) -> Conditions {
         let mut conditions = Conditions::default();
-        for axis in Axis::ALL {
-            let own = self.axis_condition(axis);
+        for (axis, own) in Axis::ALL.into_iter().zip(self.axis_conditions()) {
             let bit = 1 << (axis.index() + 1);
             let has = |mask: u16| own & mask != 0;
             if has(axis_condition::MOVING) {

@@ -360,26 +360,38 @@ impl Front {
 
     /// Condition bits of an axis.
     pub fn axis_condition(&self, axis: Axis) -> u16 {
+        self.axis_conditions()[axis.index()]
+    }
+
+    /// Condition bits of all axes.
+    pub fn axis_conditions(&self) -> [u16; AXES] {
+        let watch = self.watch();
+        let active = watch.active(self.report.inputs);
+        let active = Inputs { lower: active.lower & watch.limits, upper: active.upper & watch.limits, ..active };
+        let moving = self.report.moving | self.planner.moving_axes();
+        let rest = self.planner.rest().rounded();
+        core::array::from_fn(|i| self.condition_of(i, active, moving, rest.0[i]))
+    }
+
+    /// `active`: inputs that count; `moving`: bit n of axis n; `position`: where the axis stands by command.
+    fn condition_of(&self, i: usize, active: Inputs, moving: u8, position: i32) -> u16 {
         use axis_condition::*;
-        let i = axis.index();
         let bit = |set: bool, bit: u16| if set { bit } else { 0 };
         let at = |mask: u8| mask >> i & 1 != 0;
         let limits = &self.capability.limits.0[i];
-        let moving = at(self.report.moving | self.planner.moving_axes());
-        // where the axis stands by command: what is played is the nearest step of it
+        let moving = at(moving);
+        // by command: what is played is the nearest step of it
         let watched = limits.soft_on && limits.homed && !moving && self.homing.is_none();
-        let (lower, upper) = self.watched_switches();
-        let position = self.planner.rest().rounded().0[i];
         bit(moving, MOVING)
             | bit(self.homed[i], HOMED)
             | bit(at(self.report.known) && !at(self.report.owing), FLANK_KNOWN)
             | bit(at(self.report.taking_up), TAKE_UP)
             | bit(watched && position <= limits.soft_lower, SOFT_LOW)
             | bit(watched && position >= limits.soft_upper, SOFT_HIGH)
-            | bit(at(lower), HARD_LOW)
-            | bit(at(upper), HARD_HIGH)
+            | bit(at(active.lower), HARD_LOW)
+            | bit(at(active.upper), HARD_HIGH)
             | bit(self.enabled[i], ENABLED)
-            | bit(at(self.driver_faults()), DRIVER_FAULT)
+            | bit(at(active.fault), DRIVER_FAULT)
             | bit(self.uncertain[i], UNCERTAIN)
     }
 

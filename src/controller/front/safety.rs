@@ -99,8 +99,7 @@ impl Front {
     /// What the inputs are watched for; whoever owns the step output judges them by it. Fault lines count for drivers
     /// that are enabled.
     pub fn watch(&self) -> Watch {
-        let mask =
-            |of: fn(&Wiring) -> bool| self.wires().iter().enumerate().fold(0, |m, (i, w)| m | u8::from(of(w)) << i);
+        let mask = |of: fn(&Wiring) -> bool| self.wires().enumerate().fold(0, |m, (i, w)| m | u8::from(of(w)) << i);
         Watch {
             limits: mask(|w| w.limits_on),
             limits_high: mask(|w| w.limits_high),
@@ -111,13 +110,13 @@ impl Front {
 
     /// Levels of the enable lines; bit n set: the line of driver n is high.
     pub fn enable_lines(&self) -> u8 {
-        let lines = self.wires().into_iter().zip(self.enabled).enumerate();
+        let lines = self.wires().zip(self.enabled).enumerate();
         lines.fold(0, |levels, (i, (wiring, on))| levels | u8::from(on == wiring.enable_high) << i)
     }
 
     /// The same with all drivers disabled: what a board falls back to.
     pub fn disabled_lines(&self) -> u8 {
-        self.wires().iter().enumerate().fold(0, |levels, (i, wiring)| levels | u8::from(!wiring.enable_high) << i)
+        self.wires().enumerate().fold(0, |levels, (i, wiring)| levels | u8::from(!wiring.enable_high) << i)
     }
 
     /// True once when the step output is to be armed again after an emergency stop.
@@ -297,7 +296,7 @@ impl Front {
         self.emergency_stop == EmergencyStop::Rearming
     }
 
-    fn wires(&self) -> [Wiring; AXES] {
-        self.settings.axes.map(|own| own.wiring)
+    fn wires(&self) -> impl Iterator<Item = &Wiring> {
+        self.settings.axes.iter().map(|own| &own.wiring)
     }
 }
