@@ -16,14 +16,20 @@ use stage_controller::units::{SEGMENT_NS, SEGMENT_TICKS};
 /// Segments that the ring holds.
 const RING: usize = 4;
 
+/// What lies between the two halves: orders on their way, and segments that wait to be played.
+#[derive(Default)]
+pub struct Wires {
+    orders: Queue,
+    ring: heapless::Deque<(u64, Words), RING>,
+}
+
 /// A controller without a stage.
 pub struct Halves<'a> {
     front: &'a mut Front,
     generator: &'a mut Generator,
     links: &'a mut Links<1>,
+    wires: &'a mut Wires,
     link: usize,
-    orders: Queue,
-    ring: heapless::Deque<(u64, Words), RING>,
     played: u64,
     now: u64,
     tick: usize,
@@ -44,18 +50,26 @@ impl Orders for Queue {
 
 impl<'a> Halves<'a> {
     /// As they are; a script begins with a power-up.
-    pub fn new(front: &'a mut Front, generator: &'a mut Generator, links: &'a mut Links<1>) -> Self {
-        Halves {
-            front,
-            generator,
-            links,
-            link: 0,
-            orders: Queue::default(),
-            ring: heapless::Deque::new(),
-            played: 0,
-            now: 0,
-            tick: 0,
-        }
+    pub fn new(
+        front: &'a mut Front,
+        generator: &'a mut Generator,
+        links: &'a mut Links<1>,
+        wires: &'a mut Wires,
+    ) -> Self {
+        Halves { front, generator, links, wires, link: 0, played: 0, now: 0, tick: 0 }
+    }
+
+    // The large parts are made one after the other, each in a function of its own: a stack of 64 KB has no room for both.
+
+    #[inline(never)]
+    fn renew_front(&mut self) {
+        *self.front = Front::new();
+    }
+
+    #[inline(never)]
+    fn renew_generator(&mut self) {
+        let (law, timing) = self.front.generator_setup();
+        *self.generator = Generator::new(law, timing);
     }
 
     fn now_ms(&self) -> u64 {
@@ -68,42 +82,41 @@ impl<'a> Halves<'a> {
     }
 
     fn abort(&mut self, played: &mut impl FnMut(&[u32])) {
-        let Some((segment, words)) = self.ring.pop_front() else { return };
+        let Some((segment, words)) = self.wires.ring.pop_front() else { return };
         self.play(segment, words.get(..self.tick).unwrap_or(&words), played);
         self.generator.abort(segment, self.tick, &words);
-        self.ring.clear();
+        self.wires.ring.clear();
     }
 
     fn refill(&mut self) {
-        while !self.ring.is_full() {
+        while !self.wires.ring.is_full() {
             let mut words = [0; SEGMENT_TICKS];
-            let report = self.generator.refill(&mut self.orders, self.played, &mut words);
-            let _ = self.ring.push_back((report.next - 1, words));
+            let report = self.generator.refill(&mut self.wires.orders, self.played, &mut words);
+            let _ = self.wires.ring.push_back((report.next - 1, words));
             self.front.receive_report(report);
         }
     }
 
     fn carry_orders(&mut self) {
-        while !self.orders.0.is_full() {
+        while !self.wires.orders.0.is_full() {
             let Some(order) = self.front.next_order() else { return };
-            let _ = self.orders.0.push_back(order);
+            let _ = self.wires.orders.0.push_back(order);
         }
     }
 }
 
 impl Rig for Halves<'_> {
     fn power_up(&mut self, block: &[u8], cold: bool) -> bool {
-        *self.front = Front::new();
+        self.renew_front();
         let loaded = self.front.load(block).is_ok();
         if !cold {
             self.front.assume_homed();
         }
-        let (law, timing) = self.front.generator_setup();
-        *self.generator = Generator::new(law, timing);
+        self.renew_generator();
         *self.links = Links::new();
         self.link = self.links.open(0).unwrap_or_default();
-        self.orders.0.clear();
-        self.ring.clear();
+        self.wires.orders.0.clear();
+        self.wires.ring.clear();
         (self.played, self.now, self.tick) = (0, 0, 0);
         loaded
     }
@@ -131,7 +144,7 @@ impl Rig for Halves<'_> {
         if self.front.take_abort() {
             self.abort(&mut played);
         }
-        if let Some((segment, words)) = self.ring.pop_front() {
+        if let Some((segment, words)) = self.wires.ring.pop_front() {
             self.play(segment, &words, &mut played);
         }
         self.refill();

@@ -8,7 +8,7 @@ use core::fmt::{self, Write};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::generator::Generator;
 use stage_controller::controller::links::Links;
-use target_tests::halves::Halves;
+use target_tests::halves::{Halves, Wires};
 use target_tests::play::play;
 use target_tests::record::Record;
 use target_tests::suite::{SCRIPTS, WORDS};
@@ -18,11 +18,12 @@ struct Room {
     front: &'static mut Front,
     generator: &'static mut Generator,
     links: &'static mut Links<1>,
+    wires: &'static mut Wires,
 }
 
 /// Plays all scripts and says how each one went; how many differ.
 fn compare(room: Room, out: &mut impl Write) -> Result<usize, fmt::Error> {
-    let mut halves = Halves::new(room.front, room.generator, room.links);
+    let mut halves = Halves::new(room.front, room.generator, room.links, room.wires);
     let (mut segments, mut differ) = (0, 0);
     for script in SCRIPTS {
         match play(script.text, &mut halves, |_| ()) {
@@ -53,12 +54,12 @@ mod host {
         let front = Box::leak(Box::new(Front::new()));
         let (law, timing) = front.generator_setup();
         let generator = Box::leak(Box::new(Generator::new(law, timing)));
-        Room { front, generator, links: Box::leak(Box::new(Links::new())) }
+        Room { front, generator, links: Box::leak(Box::default()), wires: Box::leak(Box::default()) }
     }
 
     /// The expected records as they should be: the whole file.
     fn table(room: Room) -> Result<String, String> {
-        let mut halves = Halves::new(room.front, room.generator, room.links);
+        let mut halves = Halves::new(room.front, room.generator, room.links, room.wires);
         let mut table = HEADER.to_owned();
         for script in SCRIPTS {
             let record = play(script.text, &mut halves, |_| ())
@@ -106,14 +107,35 @@ mod target {
     use cortex_m_semihosting::{hio, hprintln};
     use embassy_stm32 as _; // the interrupt vectors
 
+    // Each part is made in a function of its own: what lies on the stack meanwhile is given back before the next one.
+
+    #[inline(never)]
+    fn front() -> &'static mut Front {
+        singleton!(: Front = Front::new()).expect("taken once")
+    }
+
+    #[inline(never)]
+    fn generator(front: &Front) -> &'static mut Generator {
+        let (law, timing) = front.generator_setup();
+        singleton!(: Generator = Generator::new(law, timing)).expect("taken once")
+    }
+
+    #[inline(never)]
+    fn links() -> &'static mut Links<1> {
+        singleton!(: Links<1> = Links::new()).expect("taken once")
+    }
+
+    #[inline(never)]
+    fn wires() -> &'static mut Wires {
+        singleton!(: Wires = Wires::default()).expect("taken once")
+    }
+
     #[entry]
     fn main() -> ! {
-        let front = singleton!(: Front = Front::new()).expect("taken once");
-        let (law, timing) = front.generator_setup();
-        let generator = singleton!(: Generator = Generator::new(law, timing)).expect("taken once");
-        let links = singleton!(: Links<1> = Links::new()).expect("taken once");
+        let front = front();
+        let room = Room { generator: generator(front), front, links: links(), wires: wires() };
         let mut out = hio::hstdout().expect("run under a debugger or QEMU with semihosting");
-        let differ = compare(Room { front, generator, links }, &mut out);
+        let differ = compare(room, &mut out);
         debug::exit(if differ == Ok(0) { EXIT_SUCCESS } else { EXIT_FAILURE });
         panic!("the emulator went on after the end");
     }
