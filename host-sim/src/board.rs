@@ -119,6 +119,7 @@ pub struct Board {
     now: u64,
     interleaving: Interleaving,
     seeded: Seeded,
+    stop_after: Option<usize>,
     hash: u64,
 }
 
@@ -139,6 +140,7 @@ impl Board {
             now: 0,
             interleaving,
             seeded: Seeded::new(seed),
+            stop_after: None,
             hash: 0xcbf2_9ce4_8422_2325,
         }
     }
@@ -219,7 +221,8 @@ impl Board {
     /// The timer stops after some words of the segment that would play now.
     fn abort(&mut self, observe: &mut impl FnMut(Played<'_>)) {
         let Some(waiting) = self.ring.pop_front() else { return };
-        let tick = self.seeded.below(SEGMENT_TICKS as u64 + 1) as usize;
+        let any = self.seeded.below(SEGMENT_TICKS as u64 + 1) as usize;
+        let tick = self.stop_after.unwrap_or(any).min(SEGMENT_TICKS);
         // the stream stands until the ring is filled anew: longer than any pulse, so that a line left high ends as one
         let mut words = waiting.words[..tick].to_vec();
         words.resize(tick + MAX_GRID as usize, 0);
@@ -234,6 +237,12 @@ impl Board {
         self.twin.feed(words);
         self.played = segment + 1;
         observe(Played { segment, words, motor });
+    }
+
+    /// From now on an immediate stop comes after this many words of the segment that then plays, and no longer after
+    /// any number.
+    pub fn stop_after(&mut self, words: usize) {
+        self.stop_after = Some(words);
     }
 
     /// Hash of all words played so far.
