@@ -119,7 +119,8 @@ fn the_suite_holds_every_script_and_each_moves_a_motor() {
         .map(|entry| entry.expect("readable").path().file_stem().expect("a name").to_string_lossy().into_owned())
         .collect();
     let mut names: Vec<_> = SCRIPTS.iter().map(|script| script.name.to_owned()).collect();
-    (files.sort(), names.sort());
+    files.sort();
+    names.sort();
     assert_eq!(files, names, "tests/target/src/suite.rs lists what is in tests/golden/scripts");
     for script in SCRIPTS {
         let record = Record::find(WORDS, script.name).expect("words.txt has a line for each script");

@@ -8,6 +8,9 @@ use core::fmt;
 /// Longest answer that a script can compare, bytes.
 pub const ANSWER: usize = 512;
 
+/// As much of a wrong answer as a failure shows, bytes.
+const SHOWN: usize = 80;
+
 /// Segments after which a script gives up waiting: a minute.
 const PATIENCE: u32 = 468_750;
 
@@ -37,8 +40,8 @@ pub enum Reason {
     Full,
     /// There is no answer.
     Silent,
-    /// Another answer.
-    Answered(heapless::String<ANSWER>),
+    /// Another answer, and how it begins.
+    Answered(heapless::String<SHOWN>),
     /// It does not come to rest.
     Restless,
 }
@@ -83,6 +86,13 @@ pub fn play<'a>(script: &'a str, rig: &mut impl Rig, played: impl FnMut(&[u32]))
     Ok(player.record)
 }
 
+fn beginning(text: &str) -> heapless::String<SHOWN> {
+    let mut shown = heapless::String::new();
+    // ends with the first character that has no room
+    let _ = text.chars().try_for_each(|character| shown.push(character));
+    shown
+}
+
 struct Player<'r, R, P> {
     rig: &'r mut R,
     played: P,
@@ -123,7 +133,7 @@ impl<R: Rig, P: FnMut(&[u32])> Player<'_, R, P> {
             Step::Expect(text) => {
                 self.wait(|player| player.answer.ends_with(b"\n")).ok_or(Reason::Silent)?;
                 let answer = core::str::from_utf8(&self.answer).unwrap_or("bytes that are no text").trim_end();
-                if answer == text { Ok(()) } else { Err(Reason::Answered(answer.try_into().unwrap_or_default())) }
+                if answer == text { Ok(()) } else { Err(Reason::Answered(beginning(answer))) }
             }
             Step::Message(text) => {
                 self.answer.clear();
