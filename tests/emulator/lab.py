@@ -21,8 +21,8 @@ STEP_MASK = sum(1 << pin for pin in STEP_PINS)
 NO_ERROR = '0,"No error"'
 # 0.05 um a step: the machine without a calibration, and that of the paper.
 STEPS_PER_UM = 20
-# A board with a crystal answers by then.
-BOOT_US = 30_000
+# A board that has not begun to listen by then never will; one that finds settings in its flash takes longer.
+BOOT_US = 500_000
 
 
 def figure(text):
@@ -30,13 +30,23 @@ def figure(text):
     print(f"figure: {text}")
 
 
-def power_up(firmware, boot_us=BOOT_US, **options):
+def boot(board):
+    """Runs until the serial port listens; answers how long that took, us."""
+    usart, stream = board.usart2, board.dma1.streams[5]
+    listening = lambda: stream.enabled and usart.regs[12] & 4 and usart.regs[20] & 0x40
+    taken = board.run_until(listening, BOOT_US, "the serial port")
+    # supervision and the first turn
+    board.run(2000)
+    return taken
+
+
+def power_up(firmware, **options):
     """The emergency stop's contact closed, limit switches closed to ground; booted."""
     board = Board(firmware, **options)
     board.pin(*STOP, 1)
     for pin in LOWER + UPPER:
         board.pin(*pin, 0)
-    board.run(boot_us)
+    boot(board)
     return board
 
 
