@@ -4,10 +4,12 @@
 
 use host_sim::board::{Board, Interleaving};
 use host_sim::console::Console;
-use host_sim::flash::{Flash, at_once};
+use host_sim::flash::{Flash, SECTOR, at_once};
 use host_sim::machine::Machine;
 use host_sim::session::{block_of, power_up};
 use proptest::prelude::*;
+use sequential_storage::cache::Cache;
+use sequential_storage::queue::{QueueConfig, QueueStorage};
 use stage_controller::controller::front::Front;
 use stage_controller::scpi::tree::{Form, Kind, TABLE};
 use stage_controller::settings::{self, BAUD_MAX, BAUD_MIN, BacklashMode, Settings};
@@ -90,8 +92,16 @@ pub fn sealed(front: &Front) -> Vec<u8> {
 }
 
 /// Gives changed bytes the CRC that they need.
-pub fn seal_again(bytes: &mut [u8]) {
-    stage_controller::store::record::reseal(&Standstill::default(), 1, bytes).unwrap();
+pub fn seal_again(bytes: &mut [u8], sequence: u32) {
+    stage_controller::store::record::reseal(&Standstill::default(), sequence, bytes).unwrap();
+}
+
+/// A flash to whose first sector something is appended, as another firmware would.
+pub fn appended(mut flash: Flash, bytes: &[u8]) -> Flash {
+    let config = QueueConfig::try_new(0..SECTOR as u32).unwrap();
+    let mut queue = QueueStorage::new(&mut flash, config, Cache::new_uncached());
+    at_once(queue.push(bytes, false)).unwrap();
+    flash
 }
 
 /// Settings that the commands would take.
