@@ -2,12 +2,14 @@
 
 use super::Failure;
 use super::common::load;
+use crate::control::Control;
 use crate::server::{Options, Speed, Station, serve};
 use crate::session::power_up;
 use mio::Poll;
 use std::io::{self, IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, channel};
 
 /// Serves virtual stage controllers over TCP and a pseudo terminal.
 #[derive(Debug, clap::Args)]
@@ -36,6 +38,9 @@ pub struct Args {
     /// Seed of the interleaving of the controller's two halves.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Reads what a hand does at the stage from standard input: `stop open`, `stop closed`, `fault 2 on`, `fault 2 off`.
+    #[arg(long)]
+    console: bool,
 }
 
 fn speed(text: &str) -> Result<Speed, String> {
@@ -96,8 +101,24 @@ impl Args {
                 eprint!("\r\x1b[K\x1b[?7l{line}\x1b[?7h");
             }
         };
-        serve(&mut stations, poll, status, || false).map_err(net)
+        let words = self.console.then(console);
+        let hand = || words.as_ref().and_then(|words| words.try_recv().ok());
+        serve(&mut stations, poll, status, hand, || false).map_err(net)
     }
+}
+
+/// What standard input says a hand does, from a thread that waits for it.
+fn console() -> Receiver<Control> {
+    let (said, heard) = channel();
+    std::thread::spawn(move || {
+        for line in io::stdin().lines().map_while(Result::ok).filter(|line| !line.trim().is_empty()) {
+            match line.parse() {
+                Ok(control) => drop(said.send(control)),
+                Err(why) => eprintln!("{why}"),
+            }
+        }
+    });
+    heard
 }
 
 /// Three lines that work when pasted.
