@@ -23,7 +23,7 @@ pub use safety::Health;
 use safety::{EmergencyStop, Events};
 
 use super::border::Report;
-use super::safety::Inputs;
+use super::safety::{Inputs, Watch};
 use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
@@ -99,6 +99,7 @@ pub struct Front {
     /// The board is still to be told to arm the step output.
     rearm: bool,
     missed_deadline: bool,
+    watch: Watch,
     jog_links: [Option<u8>; AXES],
     /// A motion that was accepted and turned out to break a limit.
     late_error: Option<Error>,
@@ -160,6 +161,7 @@ impl Front {
             emergency_stop: EmergencyStop::default(),
             rearm: false,
             missed_deadline: false,
+            watch: Watch::default(),
             jog_links: [None; AXES],
             late_error: None,
             hold: None,
