@@ -113,6 +113,9 @@ pub struct Front {
     reset_due: bool,
 }
 
+// Most of it is the planner's slots. It lives in static memory, of which the board has 64 KB for everything.
+const _: () = assert!(size_of::<Front>() <= 22 * 1024);
+
 /// Counts without overlay that were named at standstill, and the order that says so.
 #[derive(Clone, Copy, Debug)]
 struct Anchored {
