@@ -374,3 +374,27 @@ fn every_link_is_told_once_why_the_controller_started() {
         assert!(ask(&mut links, &mut front, n, "SYST:ERR:ALL?\n").starts_with("110,"));
     }
 }
+
+#[test]
+fn the_generator_says_which_motors_may_be_stepping_and_at_rest_none() {
+    both(|interleaving, seed| {
+        let mut c = console(&Machine::paper(), interleaving, seed);
+        let mut one_way = 0;
+        for line in ["POSE 60,-90,30,0.05,0,-0.02", "AXIS1:MOVE -20", "POSE 0,0,0,0,0,0"] {
+            say(&mut c, line);
+            while c.board.front.operation_pending() {
+                let (up, down) = c.board.generator().stepping();
+                let before = c.board.twin().motors().0;
+                c.step(|_| ());
+                for (m, (after, before)) in c.board.twin().motors().0.into_iter().zip(before).enumerate() {
+                    assert!(after <= before || up >> m & 1 != 0, "motor {m} stepped up");
+                    assert!(after >= before || down >> m & 1 != 0, "motor {m} stepped down");
+                    one_way += u32::from(after != before && (up & down) >> m & 1 == 0);
+                }
+            }
+            steps(&mut c, 10);
+            assert_eq!(c.board.generator().stepping(), (0, 0), "at rest");
+        }
+        assert!(one_way > 1000, "only {one_way} segments in one direction");
+    });
+}
