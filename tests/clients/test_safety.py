@@ -6,8 +6,10 @@ def test_a_cold_stage_is_homed_and_knows_where_it_stands(start, connect):
     stage = connect(start("--cold", "--speed", "max"), "tcp")
     stage.write("AXIS2:MOVE 0")
     assert errors(stage) == [101]
-    # with the coupling on a long way of Y steps X too
-    stage.write("AXIS1:ENAB ON;:AXIS2:ENAB ON;LIM:HARD:STAT ON")
+    # with the coupling on a long way of Y steps other motors too
+    for axis in range(1, 7):
+        stage.write(f"AXIS{axis}:ENAB ON")
+    stage.write("AXIS2:LIM:HARD:STAT ON")
     assert stage.query("AXIS2:HOME;*OPC?;:AXIS2:HOME:STAT?") == "1;1"
     assert abs(float(stage.query("AXIS2:POS?")) - float(stage.query("AXIS2:HOME:OFFS?"))) < 5
     assert stage.query("AXIS2:MOVE 0;*OPC?") == "1"
