@@ -66,7 +66,7 @@ async fn main(spawner: Spawner) {
         refill::attend_if_standing();
         controller.turn(&mut board, &mut ports, Instant::now().as_millis());
         supervision::controller_ran();
-        if controller.front.storage_ready() {
+        if controller.front.storage_due() {
             // the processor stands while flash is written: so must the steps
             refill::pause().await;
             service::serve(&mut store, controller.front, record).await;
