@@ -144,6 +144,7 @@ pub struct Board {
     now: u64,
     interleaving: Interleaving,
     seeded: Seeded,
+    stop_after: Option<usize>,
     hash: u64,
     /// Where settings are kept.
     pub store: Store<Flash>,
@@ -182,6 +183,7 @@ impl Board {
             now: 0,
             interleaving,
             seeded: Seeded::new(seed),
+            stop_after: None,
             hash: 0xcbf2_9ce4_8422_2325,
             store: Flash::blank().store(),
             buffer: Box::new([0; RECORD_CAPACITY]),
@@ -256,7 +258,8 @@ impl Board {
     pub fn step(&mut self, mut observe: impl FnMut(Played<'_>)) {
         self.now += 1;
         if self.front.take_abort() {
-            let tick = self.seeded.below(SEGMENT_TICKS as u64 + 1) as usize;
+            let any = self.seeded.below(SEGMENT_TICKS as u64 + 1) as usize;
+            let tick = self.stop_after.unwrap_or(any).min(SEGMENT_TICKS);
             if let Some(waiting) = self.ring.pop_front() {
                 self.twin.feed(&waiting.words[..tick]);
                 self.stop(&waiting, tick, Halt::default(), &mut observe);
@@ -438,6 +441,12 @@ impl Board {
         self.hash = (self.hash ^ multilinear(words)).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(29);
         self.played = segment + 1;
         observe(Played { segment, words, motor });
+    }
+
+    /// From now on an immediate stop comes after this many words of the segment that then plays, and no longer after
+    /// any number.
+    pub fn stop_after(&mut self, words: usize) {
+        self.stop_after = Some(words);
     }
 
     /// Hash of all words played so far.

@@ -130,10 +130,18 @@ fn refuse(number: ErrorNumber) -> Error {
 impl Front {
     /// Like a board after power-up, without a calibration: not homed, disabled.
     pub fn new() -> Self {
+        let mut front = Self::without_limits();
+        front.refresh();
+        front
+    }
+
+    /// Not inlined: a front is large, and built in place it is on the stack once.
+    #[inline(never)]
+    fn without_limits() -> Self {
         let settings = Settings::defaults(None);
         let motors = settings::motors(None, Some(&settings));
         let law = Law::identity(&motors);
-        let mut front = Front {
+        Front {
             calibration: None,
             block: heapless::Vec::new(),
             settings,
@@ -171,9 +179,7 @@ impl Front {
             told: [None; AXES],
             reset_due: false,
             storage: Storage::default(),
-        };
-        front.refresh();
-        front
+        }
     }
 
     /// The law and the timing with which the generator must begin.
