@@ -329,7 +329,7 @@ def test_the_counter_of_ticks_interrupts_at_the_border_at_once():
     assert word(b, RAM) == 0
     b.run(0.5)
     assert word(b, RAM) >= 1
-    assert b.stats.refill_latency_us[0] >= 1
+    assert 0 < min(b.stats.refill_latency_us) < 0.2, "twelve cycles of stacking"
 
 
 def test_a_transfer_error_ends_the_stream_and_raises_its_interrupt():
