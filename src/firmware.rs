@@ -64,7 +64,7 @@ async fn main(spawner: Spawner) {
         let mut ports: [&mut dyn Port; PORTS] = [&mut serial, &mut usb];
         controller.turn(&mut board, &mut ports, Instant::now().as_millis());
         supervision::controller_ran();
-        if controller.front.storage_ready() {
+        if controller.front.storage_due() {
             // the processor stands while flash is written: so must the steps
             refill::pause().await;
             service::serve(&mut store, controller.front, record).await;

@@ -1,7 +1,7 @@
 //! What is saved and recalled, and the request for it on its way to whoever owns the flash.
 
 use super::orders::Waiting;
-use super::{Abort, Front, LEVER_LIMIT_NM, PIVOTS, check_step_rates};
+use super::{Abort, Front, LEVER_LIMIT_NM, check_step_rates};
 use crate::compensation::backlash::Flank;
 use crate::compensation::calibration::Calibration;
 use crate::compensation::law::{Law, largest_lever_nm};
@@ -80,6 +80,9 @@ impl Front {
         check_step_rates(&timing, &motors)?;
         let law = match &calibration {
             Some(calibration) => Law::new(calibration, record.settings.switches, checked_pivot(record, calibration)?),
+            None if record.pivot != 0 || record.pivots.iter().any(Option::is_some) => {
+                return Err(Error::text(ErrorNumber::SettingsConflict, "pivots without a calibration"));
+            }
             None => Law::identity(&motors),
         };
         self.check_standing(&law)?;
@@ -89,10 +92,7 @@ impl Front {
         self.order(Waiting::Pulses)?;
         self.settings = record.settings;
         (self.calibration, self.block) = (calibration, block);
-        (self.pivots, self.pivot) = match self.calibration {
-            Some(_) => (record.pivots, record.pivot),
-            None => ([None; PIVOTS], 0),
-        };
+        (self.pivots, self.pivot) = (record.pivots, record.pivot);
         self.change_law()
     }
 
@@ -206,20 +206,17 @@ impl Front {
         done.then(|| self.storage.failed[(ticket & 1) as usize].map_or(Ok(()), Err))
     }
 
-    /// True when a request can be done now: everything stands and no order is on its way, so that the step output may
-    /// be paused.
-    pub fn storage_ready(&self) -> bool {
+    /// True when [`Front::take_storage_request`] would give something: time to stop the stream.
+    pub fn storage_due(&self) -> bool {
         self.storage.is_pending() && !self.storage.underway && !self.motion_pending()
     }
 
     /// What the owner of the flash is to do, once it may: everything stands and no order is on its way. It answers with
     /// [`Front::storage_done`]; until then nothing else is begun. [`crate::store::service::serve`] does both.
     pub fn take_storage_request(&mut self) -> Option<StorageRequest> {
-        if !self.storage_ready() {
-            return None;
-        }
-        self.storage.underway = true;
-        self.storage.request
+        let due = self.storage_due();
+        self.storage.underway |= due;
+        self.storage.request.filter(|_| due)
     }
 
     /// The request is done, or has failed.
