@@ -329,7 +329,7 @@ def test_the_counter_of_ticks_interrupts_at_the_border_at_once():
     assert word(b, RAM) == 0
     b.run(0.5)
     assert word(b, RAM) >= 1
-    assert b.stats.refill_latency_us[0] >= 1
+    assert 0 < min(b.stats.refill_latency_us) < 0.2, "twelve cycles of stacking"
 
 
 def test_a_transfer_error_ends_the_stream_and_raises_its_interrupt():
@@ -617,3 +617,20 @@ def test_looking_after_the_streams_rarely_gives_the_same_words_as_looking_always
     rarely = play()
     monkeypatch.setattr("stm32f4.timers._LOOK_TICKS", 0)
     assert play() == rarely
+
+
+@pytest.mark.parametrize("resumes", [False, True])
+def test_a_stream_enabled_again_begins_at_its_address_unless_told_otherwise(resumes):
+    b = streaming(board())
+    b.dma_resumes = resumes
+    b.run_ticks(100, 1000)
+    b.bus.store(TIM8, 0)
+    cr = b.bus.load(DMA2 + 0x28)
+    b.bus.store(DMA2 + 0x28, cr & ~1)
+    b.run(1)
+    b.bus.store(DMA2 + 8, 0x3D << 6)
+    b.bus.store(DMA2 + 0x28, cr)
+    assert b.bus.load(DMA2 + 0x2C) == 412
+    b.bus.store(TIM8, 1)
+    b.run(50)
+    assert b.words[102] == (102 if resumes else 2)

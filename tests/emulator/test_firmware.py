@@ -2,7 +2,7 @@
 
 import pytest
 
-from stm32f4 import Board
+from stm32f4 import Board, PowerCut
 
 BOOT_US = 100_000
 STOP = ("A", 0)
@@ -106,3 +106,49 @@ def test_a_hard_fault_ends_in_silence_with_drivers_disabled_and_a_new_start(movi
     assert [moving.level(*pin) for pin in ENABLE] == [1] * 6
     moving.run_until(lambda: len(moving.resets) > 1, 5_000_000, "the watchdog", step_us=10_000)
     assert moving.resets[-1][1] == "watchdog"
+
+
+def test_a_transfer_error_ends_in_silence_and_says_so(moving):
+    moving.dma_error(1)
+    before = moving.played()
+    moving.run(20_000)
+    assert moving.words.steps(before) == []
+    assert moving.serial.query("SYST:ERR?").startswith("105,")
+
+
+def saved(board):
+    """A velocity that is not the default, in flash."""
+    board.serial.write("AXIS1:VEL 500\n*SAV\n")
+    assert board.serial.query("*OPC?", 3_000_000) == "1"
+    assert board.flash.operations > 0
+    return board
+
+
+def test_saved_settings_are_there_after_a_reset_and_after_a_power_cut(board):
+    saved(board)
+    for restart in (board.reset, board.power_cycle):
+        restart()
+        board.run(BOOT_US)
+        board.serial.read()
+        assert board.serial.query("AXIS1:VEL?") == "500.000"
+        assert board.serial.query("SYST:ERR?") == '0,"No error"'
+
+
+@pytest.mark.parametrize("operation", [0, 1, 20])
+def test_a_power_cut_while_saving_leaves_the_old_value(board, operation):
+    saved(board)
+    board.flash.cut_at = board.flash.operations + operation
+    board.serial.write("AXIS1:VEL 700\n*SAV\n")
+    with pytest.raises(PowerCut):
+        board.run(3_000_000)
+    board.power_cycle()
+    board.run(BOOT_US)
+    assert board.serial.query("AXIS1:VEL?") == "500.000"
+
+
+def test_a_crystal_that_dies_ends_in_a_new_start_without_it(board):
+    board.kill_crystal()
+    board.run(2 * BOOT_US)
+    assert board.resets[-1][1] == "software"
+    assert board.rcc.system_hz == 168_000_000 and not board.rcc.pll_from_hse
+    assert board.serial.query("*IDN?").startswith("Stage Controller,SC6,")

@@ -53,6 +53,9 @@ class Board:
         self.vbat = vbat
         self.core = Core(self._stored)
         self.merged_requests = 0
+        # A stream that is enabled again with no address or count written begins at its address with the count that was left
+        # (RM0090, 10.3.14). Programs that count on it going on where it was, as some chips are said to do, need True here.
+        self.dma_resumes = False
         self.resets = []  # (time in us, cause)
         self.words = Words()
         self.bus = Bus(self)

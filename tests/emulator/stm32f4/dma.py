@@ -28,7 +28,8 @@ class Stream:
         self.enabled = False
         self.busy_until = 0
         self.last_service = -1 << 62
-        self.total = 0
+        self.total = 0  # NDTR as the program last wrote it
+        self.slot = 0
         self.ahead = None
         self.memory = None
 
@@ -83,8 +84,10 @@ class Stream:
         self.width = 1 << (self.cr >> 11 & 3)
         if not self.fcr & 4 and self.cr >> 13 & 3 != self.cr >> 11 & 3:
             self.board.bus.warn(f"{self.name}: direct mode moves PSIZE on both sides")
-        self.total = self.remaining
-        self.slot = 0
+        if not self.remaining:
+            self.remaining = self.total
+        if not self.board.dma_resumes:
+            self.slot = 0
         length = self.width * (self.total if self.cr & _MINC else 1)
         in_ccm = CCM_BASE <= self.m0ar < CCM_BASE + CCM_SIZE
         self.memory = None if in_ccm else self.board.core.memory_at(self.m0ar, length)
@@ -229,11 +232,12 @@ class Dma(Peripheral):
             elif stream.enabled:
                 self.board.bus.warn(f"{stream.name}: a register was written while it runs")
             elif register == 4:
-                stream.remaining = value & 0xFFFF
+                stream.remaining = stream.total = value & 0xFFFF
+                stream.slot = 0
             elif register == 8:
                 stream.par = value
             elif register == 12:
-                stream.m0ar = value
+                stream.m0ar, stream.slot = value, 0
             elif register == 16:
                 stream.m1ar = value
         self.board.stream_changed()

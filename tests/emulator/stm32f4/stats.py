@@ -19,7 +19,7 @@ class Stats:
         self.instructions = Counter()
         self.longest = Counter()
         self.longest_us = defaultdict(float)
-        self.refill_latency_us = Counter()  # TIM2: whole microseconds from the tick that asked for it to the handler
+        self.refill_latency_us = Counter()  # TIM2: from the tick that asked for it to the handler, by tenths of a microsecond
         self.faults = []  # (exception, address of the instruction, address of the access)
         self._stack = []  # [number, instructions so far, count at the last resumption, time of entry]
         self._thread = 0
@@ -33,10 +33,17 @@ class Stats:
         self.entries[number] += 1
         self._stack.append([number, 0, count, now])
         if number == TIM2_EXCEPTION:
-            timer = self.board.tim2
-            if timer.sr & 2:
-                late = (timer.cnt - timer.ccr[0]) & 0xFFFF_FFFF
-                self.refill_latency_us[late if late < 1 << 31 else -1] += 1
+            self._note_refill(now)
+
+    def _note_refill(self, now):
+        board = self.board
+        board.sync_stream()
+        counter, clock = board.tim2, board.tim8
+        late = (counter.cnt - counter.ccr[0]) & 0xFFFF_FFFF
+        if counter.sr & 2 and late < 1 << 31:
+            tick = clock._period * (clock.arr + 1)
+            since = late * tick + now - clock.ref + clock.cnt * clock._period
+            self.refill_latency_us[round(since / UNITS_PER_US, 1)] += 1
 
     def left(self, number, now, count):
         if not self._stack:

@@ -15,8 +15,8 @@ _ETRF = 7
 # ETR filter (SMCR.ETF): samples and clock divider of each code.
 _FILTER = ((0, 0), (2, 1), (4, 1), (8, 1), (6, 2), (8, 2), (6, 4), (8, 4), (6, 8), (8, 8), (5, 16), (6, 16), (8, 16), (5, 32), (6, 32), (8, 32))
 _SYNC_CYCLES = 3
-# Streams: at most this many ticks at once, so that the second stream never overtakes what the first one reads.
-_BATCH = 64
+# At most this many updates are counted at once.
+_BATCH = 128
 # While nothing else asks, the streams are looked after at least this often.
 _LOOK_TICKS = 192
 
@@ -79,12 +79,20 @@ class Timer(Peripheral):
         if tick and self._counts():
             ticks = (now - self.ref) // tick
             while ticks > 0:
-                some = min(ticks, _BATCH * (self.arr + 1))
+                some = min(ticks, self._batch() * (self.arr + 1))
                 self._advance(some, tick)
                 self.ref += some * tick
                 ticks = (now - self.ref) // tick if self._counts() else 0
         else:
             self.ref = now
+
+    def _batch(self):
+        """Updates that may be counted at once: neither stream may reach what the other one has just touched."""
+        play, clear = self._stream("UP"), self._stream("CH1")
+        if not play or not clear or not play.total:
+            return _BATCH
+        apart = (play.slot - clear.slot) % play.total
+        return max(min(_BATCH, apart - 2, play.total - apart - 2), 1)
 
     def clocked(self, count):
         """Ticks from the timer whose TRGO clocks this one."""
