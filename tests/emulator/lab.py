@@ -18,6 +18,7 @@ ENABLE = [("C", 1), ("C", 2), ("C", 5), ("C", 6), ("C", 8), ("C", 9)]
 SEGMENT = 128
 RING = 4
 STEP_MASK = sum(1 << pin for pin in STEP_PINS)
+QUIET = STEP_MASK << 16
 NO_ERROR = '0,"No error"'
 # 0.05 um a step: the machine without a calibration, and that of the paper.
 STEPS_PER_UM = 20
@@ -139,7 +140,7 @@ def segments(words):
 def moves(words, pause_segments):
     """The stretches between pauses of at least so many silent segments, each from its first to its last segment with a
     set bit, silence inside included."""
-    quiet = array("I", [0xE0E0_0000] * SEGMENT)
+    quiet = array("I", [QUIET] * SEGMENT)
     found, current, silent = [], None, 0
     for part in segments(words):
         if part is None:
@@ -153,6 +154,19 @@ def moves(words, pause_segments):
         current.extend(part)
         silent = 0
     return found
+
+
+def stream_words(board, start=0):
+    """What the pins were given from word `start` on. Where the stream began anew its segments begin anew: what was played
+    of a segment before a stop is filled up with silence."""
+    board.sync_stream()
+    words, out = board.words, array("I")
+    starts = [first for first, _, _ in words.runs if first > start] + [len(words)]
+    for end in starts:
+        out.extend(words.slice(start, end))
+        out.extend(array("I", [QUIET] * (-len(out) % SEGMENT)))
+        start = end
+    return out
 
 
 def digest(words):
