@@ -74,8 +74,8 @@ def test_every_move_from_standstill_plays_the_words_of_host_sim(board, host_sim,
 INTERVENTIONS = {
     "a jog that is stopped": ("AXIS2:MOVE:JOG 300", "AXIS2:STOP"),
     "a move that is stopped": ("AXIS1:MOVE 400", "STOP"),
-    "a move with a new target on the way": ("AXIS1:MOVE 30", "AXIS1:MOVE -4"),
-    "a new pose on the way": ("POSE 30,20,10,0.05,0.05,-0.05", "POSE 0,-5,3,0.01,0,0.02"),
+    "a move with a new target on the way": ("AXIS1:MOVE 200", "AXIS1:MOVE 90"),
+    "a new pose on the way": ("POSE 150,100,50,0.1,0.1,-0.1", "POSE 60,40,20,0.1,0.05,-0.05"),
 }
 
 
@@ -97,7 +97,7 @@ def test_an_order_on_the_way_plays_the_words_of_host_sim_once_it_falls_into_the_
         return next(i for i, (x, y) in enumerate(zip(a, b)) if x != y) // SEGMENT
     some, late = 150, theirs(1000)
     likely = some + parting(ours, late) - parting(theirs(some), late)
-    for at in sorted(range(likely - 8, likely + 9), key=lambda at: abs(at - likely)):
+    for at in sorted(range(likely - 12, likely + 13), key=lambda at: abs(at - likely)):
         if theirs(at) == ours:
             figure(f"{then} after {first}: equal to host-sim's at segment {at}, {len(ours)} words, hash {digest(ours)}")
             return
