@@ -278,6 +278,17 @@ fn no_record_with_a_wrong_bit_and_none_of_another_version_is_read() {
 }
 
 #[test]
+fn a_record_with_pivots_and_no_calibration_is_refused_and_changes_nothing() {
+    let mut front = of_number(3);
+    let pivots = front.record().pivots;
+    for (pivots, pivot) in [(pivots, 0), ([None; 8], 1)] {
+        let record = Record { settings: Settings::defaults(None), pivots, pivot, block: &[] };
+        assert_eq!(front.apply_record(&record).map_err(|error| error.number.code()), Err(-221));
+    }
+    assert_eq!(front.record(), of_number(3).record());
+}
+
+#[test]
 fn settings_of_another_version_are_refused_at_start_and_can_be_saved_anew() {
     let mut flash = saved(Flash::blank(), 1);
     let mut bytes = saving::sealed(&of_number(2));

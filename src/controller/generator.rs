@@ -40,9 +40,6 @@ struct Start {
     emitters: [Emitter; AXES],
     plays: [Play; AXES],
     moving: u8,
-    /// Motors that step up, down, in the segment.
-    up: u8,
-    down: u8,
 }
 
 /// Profile, law, backlash and placement of all motors.
@@ -68,6 +65,8 @@ pub struct Generator {
     /// Segments completely played, as far as known.
     played: u64,
     history: [Start; HISTORY],
+    /// Motors that step up, down, in each of the segments of the history.
+    stepping: [[u8; 2]; HISTORY],
 }
 
 impl Generator {
@@ -93,6 +92,7 @@ impl Generator {
             halted: 0,
             played: 0,
             history: [Start::default(); HISTORY],
+            stepping: [[0; 2]; HISTORY],
         };
         generator.anchor(FinePose::default(), MotorSteps::default());
         generator
@@ -114,6 +114,7 @@ impl Generator {
             self.busy_until = self.segment + 1;
         } else {
             clear(words, &self.timing);
+            self.stepping[(self.segment % HISTORY as u64) as usize] = [0; 2];
         }
         self.segment += 1;
         self.report(played)
@@ -127,20 +128,26 @@ impl Generator {
             self.target = self.law.motors(&pose, &mut self.remembered);
         }
         let from = self.motor;
-        let (mut up, mut down) = (0, 0);
         for i in 0..AXES {
             let target = self.target.0[i];
             let overlay = self.plays[i].advance((target >> 32) as i32, moving, &self.configs[i]);
             self.motor.0[i] = target.wrapping_add(overlay);
-            let due = ((self.motor.0[i] >> 32) as i32).wrapping_sub((from.0[i] >> 32) as i32);
-            let waiting = self.emitters[i].waiting();
-            up |= u8::from(due > 0 || waiting > 0) << i;
-            down |= u8::from(due < 0 || waiting < 0) << i;
         }
-        if let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) {
-            (start.up, start.down) = (up, down);
-        }
+        self.note_stepping(&from);
         place_all(&mut self.emitters, &from, &self.motor, first_tick(self.segment), &self.timing, words);
+    }
+
+    /// Which motors this segment steps, from where they stood at its start.
+    #[inline(never)]
+    fn note_stepping(&mut self, from: &FineSteps) {
+        let mut both = [0; 2];
+        for (i, (to, from)) in self.motor.0.iter().zip(&from.0).enumerate() {
+            let due = ((to >> 32) as i32).wrapping_sub((from >> 32) as i32);
+            let waiting = self.emitters[i].waiting();
+            both[0] |= u8::from(due > 0 || waiting > 0) << i;
+            both[1] |= u8::from(due < 0 || waiting < 0) << i;
+        }
+        self.stepping[(self.segment % HISTORY as u64) as usize] = both;
     }
 
     /// The pose at the end of this segment; tracks that end are merged into the base, exactly.
@@ -375,8 +382,12 @@ impl Generator {
 
     /// The same from a segment on.
     fn stepping_from(&self, first: u64) -> (u8, u8) {
-        let waits = |start: &&Start| (first..self.segment).contains(&start.segment);
-        self.history.iter().filter(waits).fold((0, 0), |(up, down), start| (up | start.up, down | start.down))
+        let mut both = [0; 2];
+        for segment in first.max(self.segment.saturating_sub(HISTORY as u64))..self.segment {
+            let [up, down] = self.stepping[(segment % HISTORY as u64) as usize];
+            both = [both[0] | up, both[1] | down];
+        }
+        (both[0], both[1])
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests

@@ -2,6 +2,7 @@
 
 use super::Failure;
 use super::common::load;
+use crate::control::Control;
 use crate::flash::Flash;
 use crate::server::{Options, Speed, Station, serve};
 use crate::session::power_up_from;
@@ -9,6 +10,7 @@ use mio::Poll;
 use std::io::{self, IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, channel};
 
 /// Serves virtual stage controllers over TCP and a pseudo terminal.
 #[derive(Debug, clap::Args)]
@@ -41,6 +43,9 @@ pub struct Args {
     /// the end. Saved settings come before the machine's calibration. Further boards append their number: FILE.2.
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
+    /// Reads what a hand does at the stage from standard input: `stop open`, `stop closed`, `fault 2 on`, `fault 2 off`.
+    #[arg(long)]
+    console: bool,
 }
 
 /// The flash of a board, counted from 0.
@@ -112,8 +117,24 @@ impl Args {
                 eprint!("\r\x1b[K\x1b[?7l{line}\x1b[?7h");
             }
         };
-        serve(&mut stations, poll, status, || false).map_err(net)
+        let words = self.console.then(console);
+        let hand = || words.as_ref().and_then(|words| words.try_recv().ok());
+        serve(&mut stations, poll, status, hand, || false).map_err(net)
     }
+}
+
+/// What standard input says a hand does, from a thread that waits for it.
+fn console() -> Receiver<Control> {
+    let (said, heard) = channel();
+    std::thread::spawn(move || {
+        for line in io::stdin().lines().map_while(Result::ok).filter(|line| !line.trim().is_empty()) {
+            match line.parse() {
+                Ok(control) => drop(said.send(control)),
+                Err(why) => eprintln!("{why}"),
+            }
+        }
+    });
+    heard
 }
 
 /// Three lines that work when pasted.

@@ -3,6 +3,7 @@
 use super::link::{State, Stream};
 use super::pty::Pty;
 use crate::board::{Board, Interleaving};
+use crate::control::Control;
 use crate::flash::Flash;
 use crate::machine::Machine;
 use mio::net::{TcpListener, TcpStream};
@@ -10,6 +11,7 @@ use mio::unix::SourceFd;
 use mio::{Interest, Poll, Token};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
+use stage_controller::controller::safety::Inputs;
 use stage_controller::store::Store;
 use stage_controller::units::decimal::{Formatted, Unit};
 use stage_controller::units::{Axis, SEGMENT_NS};
@@ -67,6 +69,17 @@ struct Terminal {
     leaving: bool,
 }
 
+/// What conditions follow, of the latest report.
+#[derive(Clone, Copy, Default, PartialEq)]
+struct Seen {
+    moving: u8,
+    taking_up: u8,
+    settled: bool,
+    aborts: u16,
+    inputs: Inputs,
+    latched: bool,
+}
+
 /// One board with its links.
 pub struct Station {
     board: Board,
@@ -79,7 +92,7 @@ pub struct Station {
     reached: Duration,
     /// The last turn did not catch up with wall time.
     late: bool,
-    seen: (u8, u8, bool),
+    seen: Seen,
 }
 
 impl Station {
@@ -116,7 +129,7 @@ impl Station {
             speed: options.speed,
             reached: Duration::ZERO,
             late: false,
-            seen: (0, 0, true),
+            seen: Seen::default(),
         })
     }
 
@@ -131,6 +144,11 @@ impl Station {
     /// Path of its pseudo terminal.
     pub fn terminal(&mut self) -> Option<std::path::PathBuf> {
         self.pty.as_mut().map(|pty| pty.stream.get_mut().path().to_owned())
+    }
+
+    /// A hand does something at the stage.
+    pub fn control(&mut self, control: Control) {
+        control.apply(&mut self.board);
     }
 
     /// True when virtual time runs as fast as it can, or lags behind.
@@ -156,6 +174,7 @@ impl Station {
 
     fn is_busy(&self) -> bool {
         self.board.front.operation_pending()
+            || self.board.has_news()
             || self.clients.iter().any(|c| c.stream.has_input() || c.leaving && !c.stream.has_output())
             || self.pty.as_ref().is_some_and(|pty| pty.leaving)
     }
@@ -250,7 +269,7 @@ impl Station {
         match self.speed {
             Speed::Max => {
                 for n in 0..FLAT_OUT_SEGMENTS {
-                    if !self.board.front.operation_pending() || is_over(n) {
+                    if !(self.board.front.operation_pending() || self.board.has_news()) || is_over(n) {
                         break;
                     }
                     self.step();
@@ -280,7 +299,14 @@ impl Station {
     /// Short conditions are latched when they change, not only when a client asks.
     fn observe(&mut self) {
         let report = self.board.front.report();
-        let now = (report.moving, report.taking_up, report.settled);
+        let now = Seen {
+            moving: report.moving,
+            taking_up: report.taking_up,
+            settled: report.settled,
+            aborts: report.aborts,
+            inputs: report.inputs,
+            latched: report.latched,
+        };
         if now != self.seen {
             self.seen = now;
             self.links.observe(&self.board.front);

@@ -61,6 +61,10 @@ pub struct Switches {
     contacts: [[Contact; 2]; AXES],
     /// Motor counts between which the switches of a motor are far away and open.
     far: [[i32; 2]; AXES],
+    /// One is tripped.
+    tripped: bool,
+    /// All contacts rest from this tick on.
+    rest_from: u64,
     random: Seeded,
 }
 
@@ -83,14 +87,13 @@ impl Switches {
                 tripped: false,
             })
         });
-        Switches { contacts, far, random: Seeded::new(seed) }
+        Switches { contacts, far, tripped: false, rest_from: 0, random: Seeded::new(seed) }
     }
 
     /// No switch can change in the next segment, none is tripped and none bounces.
     pub fn is_far(&self, motors: &[i32; AXES], tick: u64) -> bool {
         let far = |(motor, [lower, upper]): (&i32, &[i32; 2])| (lower..upper).contains(&motor);
-        motors.iter().zip(&self.far).all(far)
-            && self.contacts.iter().flatten().all(|c| !c.tripped && c.bounces_until <= tick)
+        !self.tripped && self.rest_from <= tick && motors.iter().zip(&self.far).all(far)
     }
 
     /// Looks at all switches after a word. `driven`: positions of the driven sides in steps.
@@ -100,6 +103,8 @@ impl Switches {
             lower.look(-position, tick, random);
             upper.look(*position, tick, random);
         }
+        self.tripped = contacts.iter().flatten().any(|c| c.tripped);
+        self.rest_from = contacts.iter().flatten().map(|c| c.bounces_until).max().unwrap_or(0);
     }
 
     /// Lines that say tripped: lower and upper ones, bit n of motor n.

@@ -98,7 +98,7 @@ impl Front {
     ///
     /// # Errors
     /// 103 while the emergency stop is latched, -213 while a homing runs, 104 while moving, 108 disabled, -221 when
-    /// the switches of the axis are not watched, -222 when the counts cannot be named without the calibration.
+    /// the switches of the axis are not watched, 102 when both are active, -222 when the counts cannot be named without the calibration.
     pub fn home(&mut self, axis: Axis) -> Result<(), Error> {
         self.armed()?;
         self.not_homing()?;
@@ -112,6 +112,13 @@ impl Front {
             return Err(Error {
                 number: ErrorNumber::SettingsConflict,
                 detail: Detail::AxisText(axis, "limit switches not watched; set LIM:HARD:STAT ON"),
+            });
+        }
+        let (lower, upper) = self.watched_switches();
+        if lower & upper & 1 << i != 0 {
+            return Err(Error {
+                number: ErrorNumber::LimitSwitch,
+                detail: Detail::AxisText(axis, "both limit switches; see LIM:HARD:POL"),
             });
         }
         let identity = Law::identity(&self.motors());

@@ -26,7 +26,7 @@ use storage::Storage;
 pub use storage::{Start, StorageRequest};
 
 use super::border::Report;
-use super::safety::Inputs;
+use super::safety::{Inputs, Watch};
 use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
@@ -102,6 +102,7 @@ pub struct Front {
     /// The board is still to be told to arm the step output.
     rearm: bool,
     missed_deadline: bool,
+    watch: Watch,
     jog_links: [Option<u8>; AXES],
     /// A motion that was accepted and turned out to break a limit.
     late_error: Option<Error>,
@@ -115,6 +116,9 @@ pub struct Front {
     reset_due: bool,
     storage: Storage,
 }
+
+// Most of it is the planner's slots. It lives in static memory, of which the board has 64 KB for everything.
+const _: () = assert!(size_of::<Front>() <= 22 * 1024);
 
 /// Counts without overlay that were named at standstill, and the order that says so.
 #[derive(Clone, Copy, Debug)]
@@ -172,6 +176,7 @@ impl Front {
             emergency_stop: EmergencyStop::default(),
             rearm: false,
             missed_deadline: false,
+            watch: Watch::default(),
             jog_links: [None; AXES],
             late_error: None,
             hold: None,

@@ -99,24 +99,32 @@ impl Front {
     /// What the inputs are watched for; whoever owns the step output judges them by it. Fault lines count for drivers
     /// that are enabled.
     pub fn watch(&self) -> Watch {
-        let mask = |of: fn(&Wiring) -> bool| self.wires().enumerate().fold(0, |m, (i, w)| m | u8::from(of(w)) << i);
-        Watch {
-            limits: mask(|w| w.limits_on),
-            limits_high: mask(|w| w.limits_high),
-            faults: self.enabled.iter().enumerate().fold(0, |m, (i, on)| m | u8::from(*on) << i),
-            faults_high: mask(|w| w.fault_high),
+        self.watch
+    }
+
+    /// What the inputs are to be watched for by the settings.
+    pub(super) fn refresh_watch(&mut self) {
+        let mut watch = Watch::default();
+        for (i, (own, on)) in self.settings.axes.iter().zip(self.enabled).enumerate() {
+            let Wiring { limits_on, limits_high, fault_high, .. } = own.wiring;
+            watch.limits |= u8::from(limits_on) << i;
+            watch.limits_high |= u8::from(limits_high) << i;
+            watch.faults |= u8::from(on) << i;
+            watch.faults_high |= u8::from(fault_high) << i;
         }
+        self.watch = watch;
     }
 
     /// Levels of the enable lines; bit n set: the line of driver n is high.
     pub fn enable_lines(&self) -> u8 {
-        let lines = self.wires().zip(self.enabled).enumerate();
-        lines.fold(0, |levels, (i, (wiring, on))| levels | u8::from(on == wiring.enable_high) << i)
+        let lines = self.settings.axes.iter().zip(self.enabled).enumerate();
+        lines.fold(0, |levels, (i, (own, on))| levels | u8::from(on == own.wiring.enable_high) << i)
     }
 
     /// The same with all drivers disabled: what a board falls back to.
     pub fn disabled_lines(&self) -> u8 {
-        self.wires().enumerate().fold(0, |levels, (i, wiring)| levels | u8::from(!wiring.enable_high) << i)
+        let lines = self.settings.axes.iter().enumerate();
+        lines.fold(0, |levels, (i, own)| levels | u8::from(!own.wiring.enable_high) << i)
     }
 
     /// True once when the step output is to be armed again after an emergency stop.
@@ -294,9 +302,5 @@ impl Front {
     /// True while the board is still to say that it is armed again.
     pub(super) fn is_rearming(&self) -> bool {
         self.emergency_stop == EmergencyStop::Rearming
-    }
-
-    fn wires(&self) -> impl Iterator<Item = &Wiring> {
-        self.settings.axes.iter().map(|own| &own.wiring)
     }
 }

@@ -158,6 +158,7 @@ impl Front {
             };
         }
         self.refresh_homing();
+        self.refresh_watch();
         self.capability.override_percent = self.settings.override_percent;
     }
 
