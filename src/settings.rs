@@ -1,14 +1,17 @@
 //! What a user can set, its ranges and its defaults.
 
+mod check;
+
 use crate::compensation::backlash::{Flank, Overlay, PlayConfig};
 use crate::compensation::calibration::{Calibration, MotorData, row_bits};
 use crate::compensation::law::Switches;
 use crate::motion::budget::{Rates, take_up_quarter};
 use crate::stepgen::timing::MotorTiming;
 use crate::units::{AXES, Axis};
+use serde::{Deserialize, Serialize};
 
 /// How backlash of a motor is dealt with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BacklashMode {
     /// The overlay stays as it is.
     Off,
@@ -33,7 +36,7 @@ impl BacklashMode {
 }
 
 /// Backlash of one motor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BacklashSettings {
     /// How it is dealt with.
     pub mode: BacklashMode,
@@ -48,7 +51,7 @@ pub struct BacklashSettings {
 }
 
 /// An end of a motor's travel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Side {
     /// The lower end.
     #[default]
@@ -59,7 +62,7 @@ pub enum Side {
 
 /// How the inputs and outputs of a motor beside STEP and DIR are wired: facts of the cabinet, which `*RST` and another
 /// calibration leave alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Wiring {
     /// Its limit switches are watched: they stop motion.
     pub limits_on: bool,
@@ -80,7 +83,7 @@ impl Default for Wiring {
 }
 
 /// How an axis is homed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HomeSettings {
     /// On the limit switch of this end.
     pub side: Side,
@@ -101,7 +104,7 @@ impl HomeSettings {
 }
 
 /// Settings of one axis and its motor. Lengths in nm or nrad.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AxisSettings {
     /// Wanted velocity of the logical axis, per s.
     pub velocity: u64,
@@ -132,7 +135,7 @@ pub struct AxisSettings {
 }
 
 /// Everything that a user can set and that `*RST` sets back.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
     /// Per axis.
     pub axes: [AxisSettings; AXES],
@@ -142,7 +145,24 @@ pub struct Settings {
     pub override_percent: u8,
     /// A jog ends after this time without traffic on its link, ms.
     pub jog_timeout_ms: u32,
+    /// Serial port, bits per second. `*RST` leaves it: the link that asks for it must go on.
+    pub baud: u32,
 }
+
+/// Least acceleration and jerk, nm or nrad per s^2 and s^3.
+pub const RATE_MIN: u64 = 1000;
+/// Most steps of dead band and margin.
+pub const STEPS_MAX: i32 = 1 << 20;
+/// Shortest time without traffic after which a jog ends, ms.
+pub const JOG_TIMEOUT_MIN_MS: u32 = 10;
+/// Longest, ms.
+pub const JOG_TIMEOUT_MAX_MS: u32 = 3_600_000;
+/// Serial port after the first power-up, bits per second.
+pub const BAUD_DEFAULT: u32 = 115_200;
+/// Slowest serial port, bits per second.
+pub const BAUD_MIN: u32 = 9_600;
+/// Fastest serial port, bits per second.
+pub const BAUD_MAX: u32 = 1_000_000;
 
 /// Largest share of a motor that a take-up may use: a half.
 pub const TAKE_UP_SHARE_MAX: u64 = 2;
@@ -271,6 +291,7 @@ impl Settings {
             switches: Switches::default(),
             override_percent: 100,
             jog_timeout_ms: 1000,
+            baud: BAUD_DEFAULT,
         }
     }
 }

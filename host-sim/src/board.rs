@@ -6,6 +6,7 @@
 //! generator delays orders and reports by whole segments and lets the ring run low, so that every interleaving of
 //! the two halves can come up, and does again with the same seed.
 
+use crate::flash::{Flash, at_once};
 use crate::machine::Machine;
 use crate::twin::{Mechanics, Switches};
 use stage_controller::controller::border::{Order, Orders, Report};
@@ -14,6 +15,7 @@ use stage_controller::controller::generator::Generator;
 use stage_controller::controller::safety::{Cause, Halt, Inputs, Watch};
 use stage_controller::stepgen::segment::Words;
 use stage_controller::stepgen::timing::MAX_GRID;
+use stage_controller::store::{Buffer, RECORD_CAPACITY, Store, service};
 use stage_controller::units::{AXES, FineSteps, SEGMENT_TICKS};
 use std::collections::VecDeque;
 
@@ -142,7 +144,11 @@ pub struct Board {
     now: u64,
     interleaving: Interleaving,
     seeded: Seeded,
+    stop_after: Option<usize>,
     hash: u64,
+    /// Where settings are kept.
+    pub store: Store<Flash>,
+    buffer: Box<Buffer>,
     switches: Switches,
     /// Contacts and latencies, apart from the interleaving.
     hazard: Seeded,
@@ -177,7 +183,10 @@ impl Board {
             now: 0,
             interleaving,
             seeded: Seeded::new(seed),
+            stop_after: None,
             hash: 0xcbf2_9ce4_8422_2325,
+            store: Flash::blank().store(),
+            buffer: Box::new([0; RECORD_CAPACITY]),
             switches: Switches::new(machine, seed),
             hazard: Seeded::new(seed ^ 0x5afe),
             events: Vec::new(),
@@ -249,7 +258,8 @@ impl Board {
     pub fn step(&mut self, mut observe: impl FnMut(Played<'_>)) {
         self.now += 1;
         if self.front.take_abort() {
-            let tick = self.seeded.below(SEGMENT_TICKS as u64 + 1) as usize;
+            let any = self.seeded.below(SEGMENT_TICKS as u64 + 1) as usize;
+            let tick = self.stop_after.unwrap_or(any).min(SEGMENT_TICKS);
             if let Some(waiting) = self.ring.pop_front() {
                 self.twin.feed(&waiting.words[..tick]);
                 self.stop(&waiting, tick, Halt::default(), &mut observe);
@@ -281,6 +291,8 @@ impl Board {
             self.refill();
         }
         self.carry();
+        // on the chip the stream stands meanwhile; here it takes no time
+        at_once(service::serve(&mut self.store, &mut self.front, &mut self.buffer));
     }
 
     /// Steps until nothing is pending, at most `segments`; true when it came to rest.
@@ -429,6 +441,12 @@ impl Board {
         self.hash = (self.hash ^ multilinear(words)).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(29);
         self.played = segment + 1;
         observe(Played { segment, words, motor });
+    }
+
+    /// From now on an immediate stop comes after this many words of the segment that then plays, and no longer after
+    /// any number.
+    pub fn stop_after(&mut self, words: usize) {
+        self.stop_after = Some(words);
     }
 
     /// Hash of all words played so far.

@@ -6,6 +6,7 @@ pub mod calibrate;
 pub mod cli;
 pub mod console;
 pub mod control;
+pub mod flash;
 pub mod machine;
 pub mod manual;
 pub mod model;

@@ -227,6 +227,14 @@ impl Generator {
                 }
                 None => false,
             },
+            Action::Rest { motor, flank, overlay } => match self.plays.get_mut(usize::from(motor)) {
+                Some(play) => {
+                    let target = (self.target.0[usize::from(motor)] >> 32) as i32;
+                    *play = Play::resting(target, flank, overlay);
+                    true
+                }
+                None => false,
+            },
             Action::Reference { motor } => match self.plays.get_mut(usize::from(motor)) {
                 Some(play) => {
                     let config = &self.configs[usize::from(motor)];

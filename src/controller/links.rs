@@ -88,7 +88,7 @@ impl<const N: usize> Links<N> {
         }
         for link in self.links.iter_mut().filter(|link| link.open && !link.told) {
             link.told = true;
-            front.health().errors().for_each(|error| link.session.report(error));
+            front.health().errors().chain(front.settings_lost()).for_each(|error| link.session.report(error));
         }
         let timeout = u64::from(front.settings().jog_timeout_ms);
         let mut progress = false;
@@ -112,6 +112,13 @@ impl<const N: usize> Links<N> {
     pub fn observe(&mut self, front: &Front) {
         let conditions = front.conditions();
         self.links.iter_mut().filter(|link| link.open).for_each(|link| link.session.observe(&conditions));
+    }
+
+    /// Queues an error on one link.
+    pub fn report_to(&mut self, n: usize, error: Error) {
+        if let Some(link) = self.links.get_mut(n).filter(|link| link.open) {
+            link.session.report(error);
+        }
     }
 
     /// Queues a device event on every link.

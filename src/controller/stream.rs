@@ -79,6 +79,11 @@ impl Stream {
         Stream { generator, origin: 0, state: State::Idle, halt: Halt::default() }
     }
 
+    /// True while words play.
+    pub fn is_running(&self) -> bool {
+        self.state == State::Running
+    }
+
     /// Motors that may be stepping up, down, in the words that play or wait.
     pub fn stepping(&self) -> (u8, u8) {
         self.generator.stepping()

@@ -22,13 +22,15 @@ fn when(number: ErrorNumber) -> Option<&'static str> {
         SettingsConflict => {
             "a calibration block of another version or shape, a step rate above what the pulse timing allows, \
              a pivot that is not defined, a step size while a calibration gives it, a move too slow to be planned, \
-             homing with limit switches that are not watched"
+             homing with limit switches that are not watched, `*RCL` with nothing saved"
         }
         DataOutOfRange => "a value or a move beyond a limit; the text names the axis and the value",
         DataCorrupt => "the CRC of a calibration block is wrong",
+        StorageFault => "settings could not be saved or read; what was saved before is still there",
         SystemError => "an answer that is too long",
         QueueOverflow => "more than 16 errors; the oldest are kept",
-        InputBufferOverrun => "a message longer than 512 bytes",
+        FramingError => "a damaged byte on the serial port, most often a wrong baud rate; the message is dropped",
+        InputBufferOverrun => "a message longer than 512 bytes, or bytes that came faster than they could be taken",
         QueryInterrupted | QueryUnterminated | QueryDeadlocked => "kept for GPIB gateways",
         NotHomed => "`POSE` or `AXIS<n>:MOVE` before the axes are homed; homing did not find its switch",
         LimitSwitch => {
@@ -36,7 +38,7 @@ fn when(number: ErrorNumber) -> Option<&'static str> {
         }
         EmergencyStop => "the emergency stop was opened, or is still latched or open",
         StepDeadline => "steps could not be made in time, or the step output failed: all motors were stopped",
-        SettingsLost => "settings or the calibration could not be read at the start",
+        SettingsLost => "saved settings could not be read at the start; once on every link, and QUEStionable bit 8",
         Clock => "the crystal does not run",
         WatchdogRestart => "the watchdog restarted the controller",
         DriverFault => "a driver reports a fault: it is disabled, and not enabled before the fault has gone",

@@ -4,6 +4,7 @@ use super::link::{State, Stream};
 use super::pty::Pty;
 use crate::board::{Board, Interleaving};
 use crate::control::Control;
+use crate::flash::Flash;
 use crate::machine::Machine;
 use mio::net::{TcpListener, TcpStream};
 use mio::unix::SourceFd;
@@ -11,6 +12,7 @@ use mio::{Interest, Poll, Token};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use stage_controller::controller::safety::Inputs;
+use stage_controller::store::Store;
 use stage_controller::units::decimal::{Formatted, Unit};
 use stage_controller::units::{Axis, SEGMENT_NS};
 use std::io::{self, Read, Write};
@@ -94,12 +96,19 @@ pub struct Station {
 }
 
 impl Station {
-    /// Sets a board up and listens; `front` as after power-up.
+    /// Sets a board up and listens; `front` as after power-up, `store` where it keeps its settings.
     ///
     /// # Errors
     /// Those of the sockets.
-    pub fn new(machine: &Machine, front: Front, options: &Options, poll: &Poll) -> io::Result<Self> {
+    pub fn new(
+        machine: &Machine,
+        front: Front,
+        store: Store<Flash>,
+        options: &Options,
+        poll: &Poll,
+    ) -> io::Result<Self> {
         let mut board = Board::new(machine, front, Interleaving::Jittered(2), options.seed);
+        board.store = store;
         board.settle();
         let mut listener = TcpListener::bind(options.address)?;
         poll.registry().register(&mut listener, IDLE_TOKEN, Interest::READABLE)?;

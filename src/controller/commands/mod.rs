@@ -7,6 +7,7 @@ mod compensation;
 mod home;
 mod pose;
 mod setting;
+mod system;
 mod wiring;
 
 use super::front::{Front, axis_condition};
@@ -16,6 +17,7 @@ use crate::scpi::response::Response;
 use crate::scpi::session::{Flow, Instrument};
 use crate::scpi::status::Conditions;
 use crate::scpi::tree::Command as C;
+use crate::settings::{JOG_TIMEOUT_MAX_MS, JOG_TIMEOUT_MIN_MS};
 use crate::units::Axis;
 use crate::units::decimal::Unit;
 use setting::{Setting, nanoseconds};
@@ -39,6 +41,10 @@ impl Instrument for Front {
         if !call.query && !stops && self.is_busy_at_the_border() {
             return Ok(Flow::Wait);
         }
+        let stores = matches!(call.command, C::Save | C::Recall | C::SystemPark);
+        if !call.query && !stops && !stores && self.storage_pending() {
+            return Ok(Flow::Wait);
+        }
         match call.command {
             C::Identify => out.text(concat!("Stage Controller,SC6,0,", env!("CARGO_PKG_VERSION"))),
             C::SelfTest | C::Options => out.integer(0),
@@ -48,8 +54,8 @@ impl Instrument for Front {
                 let millisecond = nanoseconds(1);
                 let setting = Setting {
                     now: i64::from(self.settings.jog_timeout_ms) * millisecond,
-                    least: 10 * millisecond,
-                    most: 3_600_000 * millisecond,
+                    least: i64::from(JOG_TIMEOUT_MIN_MS) * millisecond,
+                    most: i64::from(JOG_TIMEOUT_MAX_MS) * millisecond,
                     default: 1000 * millisecond,
                 };
                 let parse = |p: &mut crate::scpi::params::Params<'_>| p.number(Unit::TIME);
@@ -57,6 +63,7 @@ impl Instrument for Front {
                     self.settings.jog_timeout_ms = ((t + millisecond / 2) / millisecond) as u32;
                 }
             }
+            C::Save | C::Recall | C::SystemPark | C::SerialBaud => return system::execute(self, call, out),
             C::Stop => self.stop_all(),
             C::Abort => self.abort(),
             C::EmergencyStopState => {
@@ -80,8 +87,7 @@ impl Instrument for Front {
 
     fn conditions(&self) -> Conditions {
         let mut conditions = Conditions::default();
-        for axis in Axis::ALL {
-            let own = self.axis_condition(axis);
+        for (axis, own) in Axis::ALL.into_iter().zip(self.axis_conditions()) {
             let bit = 1 << (axis.index() + 1);
             let has = |mask: u16| own & mask != 0;
             if has(axis_condition::MOVING) {
@@ -109,7 +115,7 @@ impl Instrument for Front {
         }
         let health = self.health();
         for (set, bit) in [
-            (health.settings_lost, condition::SETTINGS_LOST),
+            (self.settings_lost().is_some(), condition::SETTINGS_LOST),
             (self.missed_deadline(), condition::DEADLINE),
             (self.is_stopped(), condition::EMERGENCY_STOP),
             (health.internal_oscillator, condition::INTERNAL_OSCILLATOR),

@@ -13,6 +13,7 @@ mod motion;
 mod orders;
 mod safety;
 mod standstill;
+mod storage;
 
 pub use dry_run::Check;
 use flanks::Preload;
@@ -21,6 +22,8 @@ pub use homing::{REFERENCE_NM, REFERENCE_NRAD, SLOW_STEP_US};
 use orders::{Waiting, WaitingOrder};
 pub use safety::Health;
 use safety::{EmergencyStop, Events};
+use storage::Storage;
+pub use storage::{Start, StorageRequest};
 
 use super::border::Report;
 use super::safety::{Inputs, Watch};
@@ -111,6 +114,7 @@ pub struct Front {
     told: [Option<PlayConfig>; AXES],
     /// Settings were set back during an abort: what follows from them is still to be ordered.
     reset_due: bool,
+    storage: Storage,
 }
 
 // Most of it is the planner's slots. It lives in static memory, of which the board has 64 KB for everything.
@@ -130,10 +134,18 @@ fn refuse(number: ErrorNumber) -> Error {
 impl Front {
     /// Like a board after power-up, without a calibration: not homed, disabled.
     pub fn new() -> Self {
+        let mut front = Self::without_limits();
+        front.refresh();
+        front
+    }
+
+    /// Not inlined: a front is large, and built in place it is on the stack once.
+    #[inline(never)]
+    fn without_limits() -> Self {
         let settings = Settings::defaults(None);
         let motors = settings::motors(None, Some(&settings));
         let law = Law::identity(&motors);
-        let mut front = Front {
+        Front {
             calibration: None,
             block: heapless::Vec::new(),
             settings,
@@ -171,9 +183,8 @@ impl Front {
             anchor: None,
             told: [None; AXES],
             reset_due: false,
-        };
-        front.refresh();
-        front
+            storage: Storage::default(),
+        }
     }
 
     /// The law and the timing with which the generator must begin.
@@ -223,6 +234,7 @@ impl Front {
         self.hold = self.hold.filter(|sequence| !answered(*sequence));
         self.anchor = self.anchor.filter(|anchor| !answered(anchor.sequence));
         self.show_anchor();
+        self.storage.answered(answered);
         if self.planner.answer(report.answered, report.refused, report.next) {
             self.lead = (self.lead * 2).min(LEAD_MAX);
         }
@@ -284,8 +296,12 @@ impl Front {
 
     // ---- state ----
 
-    /// True while motion or take-up goes on, or is still to begin: what `*OPC` waits for.
+    /// True while motion or take-up goes on, or is still to begin, or settings are being saved: what `*OPC` waits for.
     pub fn operation_pending(&self) -> bool {
+        self.motion_pending() || self.storage.is_pending()
+    }
+
+    fn motion_pending(&self) -> bool {
         self.is_moving()
             || self.abort != Abort::None
             || self.preload.is_some()
@@ -355,26 +371,38 @@ impl Front {
 
     /// Condition bits of an axis.
     pub fn axis_condition(&self, axis: Axis) -> u16 {
+        self.axis_conditions()[axis.index()]
+    }
+
+    /// Condition bits of all axes.
+    pub fn axis_conditions(&self) -> [u16; AXES] {
+        let watch = self.watch();
+        let active = watch.active(self.report.inputs);
+        let active = Inputs { lower: active.lower & watch.limits, upper: active.upper & watch.limits, ..active };
+        let moving = self.report.moving | self.planner.moving_axes();
+        let rest = self.planner.rest().rounded();
+        core::array::from_fn(|i| self.condition_of(i, active, moving, rest.0[i]))
+    }
+
+    /// `active`: inputs that count; `moving`: bit n of axis n; `position`: where the axis stands by command.
+    fn condition_of(&self, i: usize, active: Inputs, moving: u8, position: i32) -> u16 {
         use axis_condition::*;
-        let i = axis.index();
         let bit = |set: bool, bit: u16| if set { bit } else { 0 };
         let at = |mask: u8| mask >> i & 1 != 0;
         let limits = &self.capability.limits.0[i];
-        let moving = at(self.report.moving | self.planner.moving_axes());
-        // where the axis stands by command: what is played is the nearest step of it
+        let moving = at(moving);
+        // by command: what is played is the nearest step of it
         let watched = limits.soft_on && limits.homed && !moving && self.homing.is_none();
-        let (lower, upper) = self.watched_switches();
-        let position = self.planner.rest().rounded().0[i];
         bit(moving, MOVING)
             | bit(self.homed[i], HOMED)
             | bit(at(self.report.known) && !at(self.report.owing), FLANK_KNOWN)
             | bit(at(self.report.taking_up), TAKE_UP)
             | bit(watched && position <= limits.soft_lower, SOFT_LOW)
             | bit(watched && position >= limits.soft_upper, SOFT_HIGH)
-            | bit(at(lower), HARD_LOW)
-            | bit(at(upper), HARD_HIGH)
+            | bit(at(active.lower), HARD_LOW)
+            | bit(at(active.upper), HARD_HIGH)
             | bit(self.enabled[i], ENABLED)
-            | bit(at(self.driver_faults()), DRIVER_FAULT)
+            | bit(at(active.fault), DRIVER_FAULT)
             | bit(self.uncertain[i], UNCERTAIN)
     }
 

@@ -17,6 +17,7 @@ pub(super) enum Waiting {
     Play { motor: u8, config: PlayConfig },
     Flank { motor: u8, flank: Option<Flank> },
     Reference { motor: u8 },
+    Rest { motor: u8, flank: Option<Flank>, overlay: i32 },
     Pulses,
 }
 
@@ -45,6 +46,7 @@ impl Front {
                 Waiting::Play { motor, config } => Action::Play { motor, config },
                 Waiting::Flank { motor, flank } => Action::Flank { motor, flank },
                 Waiting::Reference { motor } => Action::Reference { motor },
+                Waiting::Rest { motor, flank, overlay } => Action::Rest { motor, flank, overlay },
                 Waiting::Pulses => Action::Pulses(self.timing),
             };
             return Some(Order { sequence, segment, aborts, action });

@@ -17,8 +17,6 @@ use crate::units::{AXES, Axis, Pose};
 pub struct Health {
     /// The crystal does not run: the clock comes from the internal oscillator.
     pub internal_oscillator: bool,
-    /// Settings or the calibration could not be read: defaults are in use.
-    pub settings_lost: bool,
     /// The watchdog has restarted the board.
     pub watchdog: bool,
 }
@@ -29,7 +27,6 @@ impl Health {
         let all = [
             (self.watchdog, ErrorNumber::WatchdogRestart, "the controller did not answer; position not homed"),
             (self.internal_oscillator, ErrorNumber::Clock, CLOCK),
-            (self.settings_lost, ErrorNumber::SettingsLost, "check the settings, then *SAV"),
         ];
         all.into_iter().filter(|(set, ..)| *set).map(|(_, number, text)| Error::text(number, text))
     }
@@ -122,6 +119,12 @@ impl Front {
     pub fn enable_lines(&self) -> u8 {
         let lines = self.settings.axes.iter().zip(self.enabled).enumerate();
         lines.fold(0, |levels, (i, (own, on))| levels | u8::from(on == own.wiring.enable_high) << i)
+    }
+
+    /// The same with all drivers disabled: what a board falls back to.
+    pub fn disabled_lines(&self) -> u8 {
+        let lines = self.settings.axes.iter().enumerate();
+        lines.fold(0, |levels, (i, own)| levels | u8::from(!own.wiring.enable_high) << i)
     }
 
     /// True once when the step output is to be armed again after an emergency stop.

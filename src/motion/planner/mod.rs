@@ -309,12 +309,16 @@ impl Planner {
 
     /// Forgets every track, desire and goal: the motors were stopped at once.
     pub fn clear(&mut self) {
-        *self = Planner::at_rest(self.rest().rounded());
+        self.rest_at(self.rest().rounded());
     }
 
     /// Stands at a pose.
     pub fn rest_at(&mut self, pose: Pose) {
-        *self = Planner::at_rest(pose);
+        // in place: a planner is too large to be made on the stack of a board
+        self.base = pose.fine();
+        self.slots.iter_mut().for_each(Slot::clear);
+        self.desires = [Desire::None; AXES];
+        (self.goal, self.then_goal, self.then) = (None, None, [None; AXES]);
     }
 
     /// Merges tracks that have ended by the start of `segment` into the base.

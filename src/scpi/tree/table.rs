@@ -2,6 +2,7 @@
 
 use super::{Command as C, Entry, Form, Kind, Param};
 use crate::error::ErrorNumber::{self, *};
+use crate::settings::{BAUD_MAX, BAUD_MIN};
 
 const fn param(name: &'static str, kind: Kind) -> Param {
     Param { name, kind, optional: false, extremes: false }
@@ -22,6 +23,8 @@ const COORDINATE_SETTING: &[Param] = &[value("x", Kind::Coordinate)];
 const VELOCITY: &[Param] = &[value("v", Kind::Rate(1))];
 const STEPS: &[Param] = &[value("steps", Kind::Integer(0, 1 << 20))];
 const POSE: &[Param] = &[param("x,y,z,a,b,g", Kind::Pose)];
+/// Where `*SAV` saves: there is one place.
+const PLACE: &[Param] = &[Param { name: "place", kind: Kind::Integer(0, 0), optional: true, extremes: false }];
 const PIVOT: Param = param("k", Kind::Integer(0, 7));
 
 /// What a move of a pose or an axis is refused for; relative ones and jogs need no homing.
@@ -43,6 +46,8 @@ const LEVEL: &[Param] = &[value("level", Kind::Choice(&["LOW", "HIGH"]))];
 const PIVOT_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, NoCalibration, Moving];
 const SWITCH_ERRORS: &[ErrorNumber] = &[DataOutOfRange, NoCalibration, Moving];
 const NO_CALIBRATION: &[ErrorNumber] = &[NoCalibration];
+const STORAGE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, StorageFault, Moving];
+const RECALL_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, StorageFault, Moving];
 const RANGE: &[ErrorNumber] = &[DataOutOfRange];
 
 const fn entry(command: C, pattern: &'static str, form: Form, params: &'static [Param], help: &'static str) -> Entry {
@@ -95,7 +100,7 @@ impl Entry {
 /// Every command, in the order of the manual.
 pub const TABLE: &[Entry] = &[
     query(C::Identify, "*IDN", "Maker, model, serial number, version.").example("*IDN?"),
-    set(C::Reset, "*RST", NONE, "Aborts, moves nothing, sets every default; keeps calibration, home and limits."),
+    set(C::Reset, "*RST", NONE, "Aborts, moves nothing, sets every default; keeps calibration, home, limits and BAUD."),
     set(C::ClearStatus, "*CLS", NONE, "Clears events and the error queue of this link."),
     mask(C::EventEnable, "*ESE", BYTE, "Standard event status enable.").range("0..255", "0").example("*ESE 60"),
     query(C::EventStatus, "*ESR", "Standard event status; reading clears it.").example("*ESR?"),
@@ -106,6 +111,12 @@ pub const TABLE: &[Entry] = &[
     set(C::Wait, "*WAI", NONE, "Waits until all motion, scanning and take-up have ended."),
     query(C::SelfTest, "*TST", "Self-test: 0 passed.").example("*TST?"),
     query(C::Options, "*OPT", "Options fitted.").example("*OPT?"),
+    set(C::Save, "*SAV", PLACE, "Saves settings, calibration and where the motors stand; goes on when they are saved.")
+        .errors(STORAGE_ERRORS)
+        .example("*SAV"),
+    set(C::Recall, "*RCL", PLACE, "Puts the saved settings and calibration in force; moves nothing.")
+        .errors(RECALL_ERRORS)
+        .example("*RCL"),
     query(C::ErrorNext, "SYSTem:ERRor[:NEXT]", "Takes the oldest error.").example("SYST:ERR?"),
     query(C::ErrorCount, "SYSTem:ERRor:COUNt", "Errors in the queue.").example("SYST:ERR:COUN?"),
     query(C::ErrorAll, "SYSTem:ERRor:ALL", "Takes all errors.").example("SYST:ERR:ALL?"),
@@ -121,6 +132,17 @@ pub const TABLE: &[Entry] = &[
     )
     .range("0.01..3600 s", "1 s")
     .example("SYST:JOG:TIM 500 MS"),
+    set(C::SystemPark, "SYSTem:PARK", NONE, "Saves where the motors stand; the saved settings stay as they are.")
+        .errors(STORAGE_ERRORS)
+        .example("SYST:PARK"),
+    setting(
+        C::SerialBaud,
+        "SYSTem:COMMunicate:SERial:BAUD",
+        &[value("baud", Kind::Integer(BAUD_MIN as i64, BAUD_MAX as i64))],
+        "Speed of the serial port, from when the answers of the message have left.",
+    )
+    .range("9600..1000000", "115200")
+    .example("SYST:COMM:SER:BAUD 115200"),
     query(
         C::EmergencyStopState,
         "SYSTem:ESTop:STATe",

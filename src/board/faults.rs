@@ -1,0 +1,60 @@
+//! The safe state: no step, drivers disabled, the watchdog starts the board anew.
+
+use super::{gpio, pins, step_dma};
+use core::sync::atomic::{AtomicU8, Ordering};
+use cortex_m_rt::{ExceptionFrame, exception};
+use embassy_stm32::pac;
+
+/// Levels of the enable lines at which all drivers are disabled: active low until settings say otherwise.
+static DISABLED: AtomicU8 = AtomicU8::new(0x3f);
+
+/// Names the levels of the enable lines at which all drivers are disabled.
+pub fn set_disabled_levels(levels: u8) {
+    DISABLED.store(levels, Ordering::Relaxed);
+}
+
+/// Stops the steps and disables all drivers, whatever else is broken.
+pub fn make_safe() {
+    step_dma::stop();
+    gpio::write(pac::GPIOC, pins::enable_word(DISABLED.load(Ordering::Relaxed)));
+    gpio::write(pac::GPIOD, pins::LIGHTS[2].bit());
+}
+
+/// The safe state until the watchdog starts the board anew (error 111).
+fn halt() -> ! {
+    cortex_m::interrupt::disable();
+    make_safe();
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+#[panic_handler]
+fn panic(info: &core::panic::PanicInfo) -> ! {
+    cortex_m::interrupt::disable();
+    make_safe();
+    defmt::error!("{}", defmt::Display2Format(info));
+    halt()
+}
+
+#[exception]
+unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+    make_safe();
+    defmt::error!("hard fault at {=u32:x}", frame.pc());
+    halt()
+}
+
+/// Any interrupt that nobody handles.
+#[exception]
+unsafe fn DefaultHandler(_number: i16) {
+    halt();
+}
+
+/// The crystal has died: the hardware runs on the internal oscillator now, at a tenth of the speed. Everything is timed
+/// wrongly, so the board starts anew and finds out by itself.
+#[exception]
+unsafe fn NonMaskableInt() {
+    make_safe();
+    pac::RCC.cir().modify(|w| w.set_cssc(true));
+    cortex_m::peripheral::SCB::sys_reset();
+}

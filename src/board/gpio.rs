@@ -1,0 +1,72 @@
+//! Ports by their registers: the step output and the stops cannot wait for a driver.
+
+use super::pins::{ENABLE, FAULT, LIGHTS, LOWER, Levels, Pin, Port, STOP, UPPER};
+use embassy_stm32::pac;
+use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr, Ot, Pupdr};
+use embassy_stm32::pac::gpio::{Gpio, regs::Bsrr};
+
+/// The port's registers.
+pub fn port(port: Port) -> Gpio {
+    match port {
+        Port::A => pac::GPIOA,
+        Port::B => pac::GPIOB,
+        Port::C => pac::GPIOC,
+        Port::D => pac::GPIOD,
+    }
+}
+
+/// Clocks all ports that are used.
+pub fn power_up() {
+    pac::RCC.ahb1enr().modify(|w| {
+        w.set_gpioaen(true);
+        w.set_gpioben(true);
+        w.set_gpiocen(true);
+        w.set_gpioden(true);
+        w.set_gpioeen(true);
+    });
+    // a clock needs two cycles to arrive (RM0090, 7.3.10)
+    let _ = pac::RCC.ahb1enr().read();
+}
+
+/// Writes the set/reset register: set bits win over reset bits.
+#[inline(always)]
+pub fn write(gpio: Gpio, word: u32) {
+    gpio.bsrr().write_value(Bsrr(word));
+}
+
+/// A push-pull output.
+pub fn output(gpio: Gpio, pin: u8) {
+    let n = usize::from(pin);
+    gpio.otyper().modify(|w| w.set_ot(n, Ot::PUSH_PULL));
+    gpio.ospeedr().modify(|w| w.set_ospeedr(n, Ospeedr::HIGH_SPEED));
+    gpio.pupdr().modify(|w| w.set_pupdr(n, Pupdr::FLOATING));
+    gpio.moder().modify(|w| w.set_moder(n, Moder::OUTPUT));
+}
+
+fn input(pin: Pin, pull: Pupdr) {
+    let (gpio, n) = (port(pin.0), usize::from(pin.1));
+    gpio.pupdr().modify(|w| w.set_pupdr(n, pull));
+    gpio.moder().modify(|w| w.set_moder(n, Moder::INPUT));
+}
+
+/// Enable lines, lights, switches, faults and the emergency stop.
+pub fn set_up() {
+    for pin in ENABLE.into_iter().chain(LIGHTS) {
+        output(port(pin.0), pin.1);
+    }
+    for pin in LOWER.into_iter().chain(UPPER).chain(FAULT) {
+        input(pin, Pupdr::PULL_UP);
+    }
+    // the contact pulls it up to 3.3 V: an open or broken wire reads as a stop
+    let (gpio, n) = (port(STOP.0), usize::from(STOP.1));
+    gpio.pupdr().modify(|w| w.set_pupdr(n, Pupdr::PULL_DOWN));
+    // alternate function 3: TIM8_ETR (data sheet, table 9); the input register reads the pin all the same
+    gpio.afr(0).modify(|w| w.set_afr(n, 3));
+    gpio.moder().modify(|w| w.set_moder(n, Moder::ALTERNATE));
+}
+
+/// The input registers.
+#[inline(always)]
+pub fn levels() -> Levels {
+    Levels { a: pac::GPIOA.idr().read().0, b: pac::GPIOB.idr().read().0, d: pac::GPIOD.idr().read().0 }
+}

@@ -1,0 +1,294 @@
+//! The refill: the one interrupt that makes words, and what stops it.
+//!
+//! Above the executor and above every critical section; it shares nothing with the thread but atomics and two
+//! single-producer single-consumer queues.
+
+use super::critical::{REFILL, STOPS, WAKE};
+use super::pins::{LOWER, Port, UPPER};
+use super::step_dma::{self, StepDma};
+use super::{gpio, supervision};
+use core::cell::UnsafeCell;
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use cortex_m::peripheral::NVIC;
+use embassy_stm32::interrupt;
+use embassy_stm32::pac;
+use embassy_stm32::pac::Interrupt;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::Timer;
+use heapless::spsc::{Consumer, Producer, Queue};
+use stage_controller::controller::border::{Order, Report};
+use stage_controller::controller::generator::Generator;
+use stage_controller::controller::safety::{Cause, Halt, Watch};
+use stage_controller::controller::stream::{Stream, Wishes};
+use static_cell::StaticCell;
+
+/// Orders on their way down, reports on their way up; one place of a queue stays empty.
+const ORDERS: usize = 5;
+const REPORTS: usize = 9;
+
+/// The thread is woken by what changes, and after this many refills anyhow: before the reports have filled their queue.
+const CALM: u8 = 4;
+
+/// Lines of EXTI that carry limit switches.
+const SWITCH_LINES: u32 = {
+    let (mut lines, mut n) = (0, 0);
+    while n < LOWER.len() {
+        lines |= LOWER[n].bit() | UPPER[n].bit();
+        n += 1;
+    }
+    lines
+};
+
+/// What the refill owns.
+struct Owned {
+    stream: Stream,
+    sink: StepDma,
+    orders: Consumer<'static, Order>,
+    reports: Producer<'static, Report>,
+    last: Report,
+    /// Refills until the thread is woken although nothing has changed.
+    calm: u8,
+}
+
+/// Memory of the refill alone.
+struct Private(UnsafeCell<Option<Owned>>);
+// SAFETY: written once before the interrupt is unmasked, afterwards used in the interrupt alone.
+unsafe impl Sync for Private {}
+static OWNED: Private = Private(UnsafeCell::new(None));
+
+/// The thread's side of the border.
+pub struct Border {
+    /// Orders down.
+    pub orders: Producer<'static, Order>,
+    /// Reports up.
+    pub reports: Consumer<'static, Report>,
+}
+
+static WATCH: AtomicU32 = AtomicU32::new(0);
+static PAUSE: AtomicBool = AtomicBool::new(false);
+static REARM: AtomicBool = AtomicBool::new(false);
+/// Motors that may be stepping up and, eight bits higher, down.
+static STEPPING: AtomicU32 = AtomicU32::new(0);
+/// Why the output was stopped: [`code`], 0 for nothing.
+static HALT: AtomicU32 = AtomicU32::new(0);
+/// The stream stands: no segment ends, so orders are attended to when they come.
+static STANDING: AtomicBool = AtomicBool::new(false);
+/// Wakes the thread after a refill.
+pub static REFILLED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
+/// Sets the interrupts up and starts the stream, once. `generator` as after power-up.
+///
+/// # Panics
+/// When called a second time.
+pub fn start(generator: Generator) -> Border {
+    static DOWN: StaticCell<Queue<Order, ORDERS>> = StaticCell::new();
+    static UP: StaticCell<Queue<Report, REPORTS>> = StaticCell::new();
+    let (orders_in, orders) = DOWN.init(Queue::new()).split();
+    let (reports, reports_out) = UP.init(Queue::new()).split();
+    // SAFETY: the interrupt that uses it is still masked; the cells above allow one call only.
+    unsafe {
+        *OWNED.0.get() = Some(Owned {
+            stream: Stream::new(generator),
+            sink: StepDma::new(),
+            orders,
+            reports,
+            last: Report::default(),
+            calm: 0,
+        });
+    }
+    watch_switches();
+    for (interrupt, priority) in [
+        (Interrupt::TIM2, REFILL),
+        (Interrupt::DMA2_STREAM1, STOPS),
+        (Interrupt::DMA2_STREAM2, STOPS),
+        (Interrupt::TIM8_TRG_COM_TIM14, STOPS),
+        (Interrupt::EXTI1, STOPS),
+        (Interrupt::EXTI2, STOPS),
+        (Interrupt::EXTI3, STOPS),
+        (Interrupt::EXTI9_5, STOPS),
+        (Interrupt::EXTI15_10, STOPS),
+        (WAKER, WAKE),
+    ] {
+        // SAFETY: what the handlers share with the thread is atomic or a single-producer queue.
+        unsafe {
+            cortex_m::Peripherals::steal().NVIC.set_priority(interrupt, priority);
+            NVIC::unmask(interrupt);
+        }
+    }
+    NVIC::pend(Interrupt::TIM2);
+    Border { orders: orders_in, reports: reports_out }
+}
+
+/// Both edges of every limit switch.
+fn watch_switches() {
+    pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
+    for pin in LOWER.into_iter().chain(UPPER) {
+        let line = usize::from(pin.1);
+        let port = match pin.0 {
+            Port::A => 0,
+            Port::B => 1,
+            Port::C => 2,
+            Port::D => 3,
+        };
+        pac::SYSCFG.exticr(line / 4).modify(|w| w.set_exti(line % 4, port));
+    }
+    pac::EXTI.rtsr(0).modify(|w| w.0 |= SWITCH_LINES);
+    pac::EXTI.ftsr(0).modify(|w| w.0 |= SWITCH_LINES);
+    pac::EXTI.pr(0).write(|w| w.0 = SWITCH_LINES);
+    pac::EXTI.imr(0).modify(|w| w.0 |= SWITCH_LINES);
+}
+
+/// What the inputs are judged by from now on.
+pub fn set_watch(watch: Watch) {
+    WATCH.store(watch.to_bits(), Ordering::Relaxed);
+}
+
+/// Stops all motors at once; the next report says where.
+pub fn halt(halt: Halt) {
+    step_dma::stop();
+    // the first cause is the one that counts
+    let _ = HALT.compare_exchange(0, code(halt), Ordering::Relaxed, Ordering::Relaxed);
+    NVIC::pend(Interrupt::TIM2);
+}
+
+/// Lets the stream stand, at standstill, and waits until it does.
+pub async fn pause() {
+    PAUSE.store(true, Ordering::Relaxed);
+    attend();
+    while !STANDING.load(Ordering::Relaxed) {
+        Timer::after_micros(100).await;
+    }
+}
+
+/// Lets the stream go on after a pause.
+pub fn resume() {
+    PAUSE.store(false, Ordering::Relaxed);
+    attend();
+}
+
+/// Arms the stream after an emergency stop, if the contact is closed.
+pub fn rearm() {
+    REARM.store(true, Ordering::Relaxed);
+    attend();
+}
+
+/// Runs the refill although no segment has ended: while the stream stands, orders still want answers.
+pub fn attend() {
+    NVIC::pend(Interrupt::TIM2);
+}
+
+/// The same, if no segment will end by itself.
+pub fn attend_if_standing() {
+    if STANDING.load(Ordering::Relaxed) {
+        attend();
+    }
+}
+
+const fn code(halt: Halt) -> u32 {
+    (halt.cause as u32 + 1) << 24 | (halt.fault as u32) << 16 | (halt.upper as u32) << 8 | halt.lower as u32
+}
+
+fn decode(code: u32) -> Option<Halt> {
+    let [lower, upper, fault, cause] = code.to_le_bytes();
+    let cause = match cause {
+        0 => return None,
+        1 => Cause::Requested,
+        2 => Cause::Limit,
+        3 => Cause::EmergencyStop,
+        4 => Cause::DriverFault,
+        5 => Cause::Deadline,
+        _ => Cause::Output,
+    };
+    Some(Halt { cause, lower, upper, fault })
+}
+
+#[interrupt]
+fn TIM2() {
+    // SAFETY: this interrupt alone, which does not nest.
+    let Some(Owned { stream, sink, orders, reports, last, calm }) = (unsafe { &mut *OWNED.0.get() }) else { return };
+    sink.await_border();
+    let wishes = Wishes { pause: PAUSE.load(Ordering::Relaxed), rearm: REARM.swap(false, Ordering::Relaxed) };
+    let watch = Watch::from_bits(WATCH.load(Ordering::Relaxed));
+    let halt = decode(HALT.swap(0, Ordering::Relaxed));
+    let report = stream.service(sink, orders, watch, halt, wishes);
+    let (up, down) = stream.stepping();
+    STEPPING.store(u32::from(down) << 8 | u32::from(up), Ordering::Relaxed);
+    STANDING.store(!stream.is_running(), Ordering::Relaxed);
+    let changed = report.differs(last);
+    *last = report;
+    // a full queue means that the thread has newer ones to read than it can; each stands alone
+    let _ = reports.enqueue(report);
+    supervision::refill_ran();
+    *calm = calm.saturating_sub(1);
+    if changed || *calm == 0 {
+        *calm = CALM;
+        NVIC::pend(WAKER);
+    }
+}
+
+/// Judges the limit switches on an edge of one.
+#[inline(always)]
+fn judge() {
+    pac::EXTI.pr(0).write(|w| w.0 = SWITCH_LINES);
+    let stepping = STEPPING.load(Ordering::Relaxed);
+    let watch = Watch::from_bits(WATCH.load(Ordering::Relaxed));
+    if let Some(reason) = watch.halt(gpio::levels().inputs(), stepping as u8, (stepping >> 8) as u8) {
+        halt(reason);
+    }
+}
+
+#[interrupt]
+fn EXTI1() {
+    judge();
+}
+
+#[interrupt]
+fn EXTI2() {
+    judge();
+}
+
+#[interrupt]
+fn EXTI3() {
+    judge();
+}
+
+#[interrupt]
+fn EXTI9_5() {
+    judge();
+}
+
+#[interrupt]
+fn EXTI15_10() {
+    judge();
+}
+
+/// The gate has closed or opened: the hardware has stopped the steps already, this makes it last.
+#[interrupt]
+fn TIM8_TRG_COM_TIM14() {
+    pac::TIM8.sr().modify(|w| w.set_tif(false));
+    halt(Halt { cause: Cause::EmergencyStop, ..Halt::default() });
+}
+
+#[interrupt]
+fn DMA2_STREAM1() {
+    output_failed();
+}
+
+#[interrupt]
+fn DMA2_STREAM2() {
+    output_failed();
+}
+
+fn output_failed() {
+    step_dma::clear_failure();
+    halt(Halt { cause: Cause::Output, ..Halt::default() });
+}
+
+/// An interrupt that no peripheral of ours uses: the refill may not touch the executor, this one may.
+const WAKER: Interrupt = Interrupt::CAN1_TX;
+
+#[interrupt]
+fn CAN1_TX() {
+    REFILLED.signal(());
+}

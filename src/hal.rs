@@ -1,0 +1,70 @@
+//! The seam: what the controller's thread needs of a board. A board implements it; the controller knows no pin.
+//!
+//! The step output has a seam of its own, [`StepSink`](crate::controller::stream::StepSink), because the refill owns it.
+
+use crate::controller::border::{Order, Report};
+use crate::controller::safety::{Halt, Watch};
+use crate::store::Standstill;
+
+/// The thread's side of the step output, of the drivers and of the lights.
+pub trait Hal {
+    /// The oldest report that was not taken yet.
+    fn report(&mut self) -> Option<Report>;
+    /// True when an order can be taken.
+    fn can_order(&self) -> bool;
+    /// Takes an order down; only when [`Hal::can_order`].
+    fn order(&mut self, order: Order);
+    /// Stops all motors at once; a later report says where.
+    fn halt(&mut self, halt: Halt);
+    /// Arms the step output again after an emergency stop.
+    fn rearm(&mut self);
+    /// What the inputs are judged by.
+    fn set_watch(&mut self, watch: Watch);
+    /// Levels of the enable lines, and those that disable all drivers: what the board falls back to. Bit n: line n is
+    /// high.
+    fn set_enables(&mut self, levels: u8, disabled: u8);
+    /// Keeps where the motors stand in memory that outlives a reset, where that has changed.
+    fn keep(&mut self, standstill: Standstill);
+    /// Shows a person what goes on.
+    fn show(&mut self, signs: Signs);
+}
+
+/// What a person sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Signs {
+    /// Something moves.
+    pub moving: bool,
+    /// Stopped for a fault or an emergency.
+    pub fault: bool,
+    /// Bytes came or went.
+    pub traffic: bool,
+}
+
+/// What happened on a port, beside bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PortEvent {
+    /// Somebody is there.
+    Opened,
+    /// Nobody is there any more.
+    Closed,
+    /// BREAK: the input so far is to be forgotten.
+    Break,
+    /// Bytes were lost: they came faster than they were taken.
+    Overrun,
+    /// A byte came damaged and the ones around it are lost.
+    Framing,
+}
+
+/// A port of the board: bytes both ways, never waiting.
+pub trait Port {
+    /// The next event.
+    fn event(&mut self) -> Option<PortEvent>;
+    /// Bytes that came, as many as lie together.
+    fn received(&mut self) -> &[u8];
+    /// Drops the first bytes of those.
+    fn consume(&mut self, count: usize);
+    /// Bytes that [`Port::send`] takes now.
+    fn room(&self) -> usize;
+    /// Sends bytes, at most [`Port::room`].
+    fn send(&mut self, bytes: &[u8]);
+}
