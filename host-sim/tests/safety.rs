@@ -7,7 +7,6 @@ use host_sim::session::{block_of, power_up};
 use stage_controller::controller::front::{Front, Health};
 use stage_controller::controller::links::Links;
 use stage_controller::controller::safety::Cause;
-use stage_controller::error::ErrorNumber;
 use stage_controller::units::AXES;
 
 const NO_ERROR: &str = "0,\"No error\"";
