@@ -243,7 +243,6 @@ run() {
                 echo "    all of it: $log" ;;
         *) sed -n 's/^test \(.*\) \.\.\. ignored,* *\(.*\)/          skipped: \1 (\2)/p' "$log"
            [ "$name" != bench ] || sed 's/^/    /' "$log"
-           [ "$name" != qemu ] || sed -n 's/^figure: /    /p' "$log"
            case $name in
                property | qemu | firmware | emulator) sed -n 's/^figure: /    /p' "$log" ;;
            esac ;;
