@@ -62,6 +62,8 @@ async fn main(spawner: Spawner) {
     let (mut serial, mut usb) = (Socket::new(&SERIAL), Socket::new(&USB));
     loop {
         let mut ports: [&mut dyn Port; PORTS] = [&mut serial, &mut usb];
+        // what stands hears of no border: its inputs are looked at all the same, and the watchdog knows that it could
+        refill::attend_if_standing();
         controller.turn(&mut board, &mut ports, Instant::now().as_millis());
         supervision::controller_ran();
         if controller.front.storage_due() {

@@ -203,6 +203,8 @@ impl StepSink for StepDma {
     fn start(&mut self) {
         pac::TIM2.cnt().write_value(0);
         (self.wraps, self.last) = (0, 0);
+        // the border that was awaited belongs to the count before
+        self.await_border();
         pac::TIM8.cnt().write_value(Default::default());
         pac::TIM8.sr().write_value(Default::default());
         // what the processor has written is in memory before the stream reads it

@@ -226,7 +226,7 @@ impl Tally {
 
 /// The whole board: front, generator, ring, hash of the words, twin.
 fn simulation(machine: &Machine, rate: f64, seconds: f64) -> Result<Run, Failure> {
-    let mut board: Board = board(machine)?;
+    let mut board: Board = board(machine, false)?;
     let course = Course::set_up(&mut board.front, machine, rate)?;
     board.front.pose_absolute(course.ends[0]).map_err(refused)?;
     board.settle();

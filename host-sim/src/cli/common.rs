@@ -17,10 +17,11 @@ pub fn load(path: &Path) -> Result<Machine, Failure> {
     })
 }
 
-/// A board in front of the machine's twin with its calibration, homed at 0 on the reference flank, enabled, at rest.
-pub fn board(machine: &Machine) -> Result<Board, Failure> {
+/// A board in front of the machine's twin with its calibration, at rest; unless `cold`, homed at 0 on the reference
+/// flank, and enabled.
+pub fn board(machine: &Machine, cold: bool) -> Result<Board, Failure> {
     let refused = |reason: String| Failure::Refused(format!("{}: {reason}", machine.name));
-    let front = power_up(machine, false).map_err(refused)?;
+    let front = power_up(machine, cold).map_err(refused)?;
     let mut board = Board::new(machine, front, Interleaving::Prompt, 0);
     board.settle();
     Ok(board)

@@ -93,7 +93,7 @@ fn refused(error: Error) -> Failure {
 
 /// From home to a pose on a board of its own.
 fn travel(machine: &Machine, pose: [i64; AXES], compensation: bool) -> Result<Run, Failure> {
-    let mut board: Board = board(machine)?;
+    let mut board: Board = board(machine, false)?;
     if !compensation {
         board.front.set_switches(Switches { compensation: false, ..Switches::default() }).map_err(refused)?;
         board.settle();

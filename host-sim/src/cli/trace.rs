@@ -1,4 +1,4 @@
-//! `host-sim trace`: the pins of a session as a VCD file, for a logic analyser's viewer.
+//! `host-sim trace`: the pins of a session as a VCD file, for a logic analyser's viewer, or word by word.
 
 use super::Failure;
 use super::common::{board, load};
@@ -28,7 +28,8 @@ POSE 0,0,0,0,0,0
 *WAI
 ";
 
-/// Write the STEP and DIR lines of a session as a VCD file, one unit of time a tick of 1 us.
+/// Write what the step output plays in a session: its STEP and DIR lines as a VCD file, one unit of time a tick of 1 us,
+/// or the bare words.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Machine file (TOML), or `paper` for the built-in machine.
@@ -38,9 +39,15 @@ pub struct Args {
     /// comment; a built-in demonstration by default.
     #[arg(long, value_name = "FILE")]
     script: Option<PathBuf>,
+    /// Like a board after power-up: not homed, disabled.
+    #[arg(long)]
+    cold: bool,
     /// Where the trace is written.
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "FILE", required_unless_present = "words")]
+    output: Option<PathBuf>,
+    /// Where the words are written, one a tick, 32 bits each, little endian, as the board puts them into BSRR.
+    #[arg(long, value_name = "FILE")]
+    words: Option<PathBuf>,
 }
 
 impl Args {
@@ -54,20 +61,64 @@ impl Args {
             Some(path) => std::fs::read_to_string(path).map_err(io(path))?,
             None => DEMO.into(),
         };
-        let mut console = Console::new(board(&machine)?);
-        let file = BufWriter::new(File::create(&self.output).map_err(io(&self.output))?);
-        let mut trace = Trace::new(file, console.board.played()).map_err(io(&self.output))?;
-        let answers = console.script(&script, |played| trace.segment(&played)).map_err(Failure::Refused)?;
-        console.settle(|played| trace.segment(&played));
+        let mut console = Console::new(board(&machine, self.cold)?);
+        let played = console.board.played();
+        let mut trace = match &self.output {
+            Some(path) => Some(create(path).and_then(|file| Trace::new(file, played)).map_err(io(path))?),
+            None => None,
+        };
+        let mut words = match &self.words {
+            Some(path) => Some(Raw { file: create(path).map_err(io(path))?, failed: None }),
+            None => None,
+        };
+        let mut observe = |played: Played<'_>| {
+            if let Some(trace) = &mut trace {
+                trace.segment(&played);
+            }
+            if let Some(words) = &mut words {
+                words.segment(&played);
+            }
+        };
+        let answers = console.script(&script, &mut observe).map_err(Failure::Refused)?;
+        console.settle(&mut observe);
         answers.iter().for_each(|answer| println!("{answer}"));
-        let errors = console.line("SYST:ERR:ALL?", |played| trace.segment(&played));
+        let errors = console.line("SYST:ERR:ALL?", observe);
         let board = &console.board;
-        let edges = trace.end(board.played()).map_err(io(&self.output))?;
-        println!("{edges} edges in {} us written to {}", board.now() * SEGMENT_TICKS as u64, self.output.display());
+        if let (Some(trace), Some(path)) = (trace, &self.output) {
+            let edges = trace.end(board.played()).map_err(io(path))?;
+            println!("{edges} edges in {} us written to {}", board.now() * SEGMENT_TICKS as u64, path.display());
+        }
+        if let (Some(words), Some(path)) = (words, &self.words) {
+            words.end().map_err(io(path))?;
+        }
         if !errors.starts_with("0,") {
             return Err(Failure::Refused(format!("the script raised {errors}")));
         }
         Ok(())
+    }
+}
+
+fn create(path: &PathBuf) -> io::Result<BufWriter<File>> {
+    File::create(path).map(BufWriter::new)
+}
+
+/// A file of words in the making. The first write that fails ends it; [`Raw::end`] answers why.
+struct Raw<W: Write> {
+    file: W,
+    failed: Option<io::Error>,
+}
+
+impl<W: Write> Raw<W> {
+    /// The words of a segment as they play.
+    fn segment(&mut self, played: &Played<'_>) {
+        if self.failed.is_none() {
+            let bytes: Vec<u8> = played.words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            self.failed = self.file.write_all(&bytes).err();
+        }
+    }
+
+    fn end(mut self) -> io::Result<()> {
+        self.failed.map_or_else(|| self.file.flush(), Err)
     }
 }
 
