@@ -4,7 +4,8 @@ use crate::board::backup::Backup;
 use crate::board::clock::ResetCause;
 use crate::board::flash::{self, SettingsFlash};
 use crate::board::port::{ARRIVED, Plug, Socket};
-use crate::board::{self, Board, refill, supervision, usart, usb};
+use crate::board::usart::Serial;
+use crate::board::{self, Board, refill, supervision, usb};
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_futures::select::select3;
@@ -23,7 +24,6 @@ const PORTS: usize = 2;
 /// The controller looks around at least this often.
 const TURN: Duration = Duration::from_millis(1);
 
-static SERIAL: Plug = Plug::new();
 static USB: Plug = Plug::new();
 static FRONT: StaticCell<Front> = StaticCell::new();
 static LINKS: StaticCell<Links<PORTS>> = StaticCell::new();
@@ -39,17 +39,7 @@ async fn main(spawner: Spawner) {
     let backup = Backup::open();
     let keeper = wake_up(front, start, &mut store, &backup, record).await;
 
-    let mut baud = front.baud();
-    let serial = usart::Parts {
-        usart: parts.USART2,
-        rx: parts.PA3,
-        tx: parts.PA2,
-        tx_dma: parts.DMA1_CH6,
-        rx_dma: parts.DMA1_CH5,
-    };
-    let serial = usart::open(serial, baud);
-    spawner.spawn(defmt::unwrap!(usart::receive(serial.receiver, &SERIAL)));
-    spawner.spawn(defmt::unwrap!(usart::send(serial.sender, &SERIAL)));
+    let mut serial = Serial::open(front.baud());
     if !start.internal_oscillator {
         let parts = usb::Parts { usb: parts.USB_OTG_FS, dp: parts.PA12, dm: parts.PA11 };
         spawner.spawn(defmt::unwrap!(usb::run(parts, embassy_stm32::uid::uid_hex(), &USB)));
@@ -59,7 +49,7 @@ async fn main(spawner: Spawner) {
 
     let mut board = Board::new(border, backup, keeper);
     let mut controller = Controller::new(front, new_links());
-    let (mut serial, mut usb) = (Socket::new(&SERIAL), Socket::new(&USB));
+    let mut usb = Socket::new(&USB);
     loop {
         let mut ports: [&mut dyn Port; PORTS] = [&mut serial, &mut usb];
         // what stands hears of no border: its inputs are looked at all the same, and the watchdog knows that it could
@@ -71,11 +61,11 @@ async fn main(spawner: Spawner) {
             refill::pause().await;
             service::serve(&mut store, controller.front, record).await;
             refill::resume();
+            serial.after_a_stall();
             continue;
         }
-        if controller.front.baud() != baud && controller.has_answered(0) && serial.is_drained() {
-            baud = controller.front.baud();
-            usart::BAUD.signal(baud);
+        if controller.has_answered(0) {
+            serial.follow(controller.front.baud());
         }
         // the other tasks have their turn even if there is more to do
         embassy_futures::yield_now().await;

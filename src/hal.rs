@@ -67,4 +67,6 @@ pub trait Port {
     fn room(&self) -> usize;
     /// Sends bytes, at most [`Port::room`].
     fn send(&mut self, bytes: &[u8]);
+    /// Goes on with what it has begun; called in every turn.
+    fn attend(&mut self) {}
 }

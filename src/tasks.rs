@@ -41,6 +41,7 @@ impl<'a, const N: usize> Controller<'a, N> {
     #[inline(never)] // its stack is not the task's
     pub fn turn(&mut self, hal: &mut impl Hal, ports: &mut [&mut dyn Port; N], now_ms: u64) {
         let mut traffic = false;
+        ports.iter_mut().for_each(|port| port.attend());
         self.take_reports(hal);
         for _ in 0..ROUNDS {
             let mut progress = false;

@@ -8,7 +8,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-STAGES="fmt clippy doc no_std unit property golden words qemu manual tree scripts readme clients fuzz bench"
+STAGES="fmt clippy doc no_std unit property golden words qemu wiring firmware emulator manual tree scripts readme clients fuzz bench"
 FUZZ_SECONDS=${FUZZ_SECONDS:-60}
 TARGET=${CARGO_TARGET_DIR:-$PWD/target}
 LOGS=$TARGET/test-logs
@@ -32,7 +32,7 @@ apt_install() {
         { "${as_root[@]}" apt-get update -q && "${as_root[@]}" apt-get install -y -q "$@"; }
 }
 
-# A virtual environment with PyVISA and pytest.
+# A virtual environment with the packages that a file names.
 need_venv() {
     command -v python3 >/dev/null || apt_install python3 || skip "install python3: apt-get install python3 python3-venv"
     if [ ! -x "$VENV/bin/pip" ]; then
@@ -42,8 +42,7 @@ need_venv() {
             apt_install python3-venv && python3 -m venv "$VENV"
         } || skip "install python3-venv: apt-get install python3-venv"
     fi
-    "$VENV/bin/pip" install -q --disable-pip-version-check -r tests/clients/requirements.txt ||
-        skip "pip cannot install PyVISA (tests/clients/requirements.txt)"
+    "$VENV/bin/pip" install -q --disable-pip-version-check -r "$1" || skip "pip cannot install what $1 names"
 }
 
 # A compiler for the board's processor, first in PATH.
@@ -63,6 +62,12 @@ need_qemu() {
 host_sim() {
     cargo build -q --release -p host-sim
     export HOST_SIM=$TARGET/release/host-sim
+}
+
+firmware() {
+    need_thumb
+    cargo fw -q
+    export FIRMWARE_ELF=$TARGET/thumbv7em-none-eabihf/firmware/stage-controller
 }
 
 # ---- the stages ----
@@ -119,6 +124,26 @@ stage_qemu() { # The same words on a Cortex-M4F under QEMU
     cargo qemu -q
 }
 
+stage_wiring() { # The pins are the same in code, tables and picture
+    command -v python3 >/dev/null || skip "install python3"
+    tests/wiring.py
+}
+
+stage_firmware() { # The firmware links, fits, and its refill cannot panic
+    firmware
+    need_venv tests/emulator/requirements.txt
+    "$VENV/bin/python" tests/emulator/size.py "$FIRMWARE_ELF"
+    "$VENV/bin/python" tests/emulator/panic_paths.py "$FIRMWARE_ELF"
+    python3 tools/image.py "$FIRMWARE_ELF" "$LOGS"
+}
+
+stage_emulator() { # The firmware that is flashed, in an emulator of the board
+    firmware
+    host_sim
+    need_venv tests/emulator/requirements.txt
+    "$VENV/bin/pytest" -q -rP -p no:cacheprovider tests/emulator
+}
+
 stage_manual() { # docs/COMMANDS.md is what the command tree gives
     host_sim
     "$HOST_SIM" manual --check docs/COMMANDS.md
@@ -136,13 +161,13 @@ stage_scripts() { # Scripts pass shellcheck
 }
 
 stage_readme() { # What the README tells to type works
-    need_venv
+    need_venv tests/clients/requirements.txt
     host_sim
     "$VENV/bin/python" tests/readme.py README.md
 }
 
 stage_clients() { # PyVISA over a socket and over a serial port
-    need_venv
+    need_venv tests/clients/requirements.txt
     host_sim
     "$VENV/bin/pytest" -q -p no:cacheprovider tests/clients
 }
@@ -218,8 +243,9 @@ run() {
                 echo "    all of it: $log" ;;
         *) sed -n 's/^test \(.*\) \.\.\. ignored,* *\(.*\)/          skipped: \1 (\2)/p' "$log"
            [ "$name" != bench ] || sed 's/^/    /' "$log"
-           [ "$name" != qemu ] || sed -n 's/^figure: /    /p' "$log"
-           [ "$name" != property ] || sed -n 's/^figure: /    /p' "$log" ;;
+           case $name in
+               property | qemu | firmware | emulator) sed -n 's/^figure: /    /p' "$log" ;;
+           esac ;;
     esac
 }
 

@@ -347,7 +347,7 @@ fn wiring_changes_at_standstill_only() {
 fn every_link_is_told_once_why_the_controller_started() {
     let mut front = Front::new();
     front.set_health(Health { internal_oscillator: true, watchdog: true });
-    front.lose_settings(ErrorNumber::SettingsLost.into());
+    front.lose_settings(stage_controller::error::ErrorNumber::SettingsLost.into());
     let mut links: Links<3> = Links::new();
     let ask = |links: &mut Links<3>, front: &mut Front, n: usize, line: &str| {
         assert_eq!(links.receive(n, line.as_bytes(), 0), line.len());

@@ -315,6 +315,7 @@ fn the_longest_record_fits() {
         (axis.timing.low_ns, axis.timing.setup_ns, axis.timing.hold_ns) = (u32::MAX, u32::MAX, u32::MAX);
         (axis.backlash.distance, axis.backlash.velocity) = (i32::MIN, u64::MAX);
         (axis.backlash.dead_band, axis.backlash.margin) = (i32::MIN, i32::MIN);
+        (axis.home.velocity, axis.home.offset) = (u64::MAX, Some(i32::MIN));
     }
     (settings.jog_timeout_ms, settings.baud) = (u32::MAX, u32::MAX);
     let block = [0xff; stage_controller::compensation::calibration::BLOCK_CAPACITY];

@@ -65,6 +65,22 @@ pub fn set_up() {
     gpio.moder().modify(|w| w.set_moder(n, Moder::ALTERNATE));
 }
 
+/// TX and RX of USART2: alternate function 7 on PA2 and PA3 (data sheet, table 9).
+pub fn serial() {
+    let gpio = pac::GPIOA;
+    for n in [2, 3] {
+        gpio.afr(0).modify(|w| w.set_afr(n, 7));
+        gpio.moder().modify(|w| w.set_moder(n, Moder::ALTERNATE));
+    }
+    // an open line idles high
+    gpio.pupdr().modify(|w| w.set_pupdr(3, Pupdr::PULL_UP));
+}
+
+/// The line to the receiver is low.
+pub fn serial_is_low() -> bool {
+    pac::GPIOA.idr().read().0 & 1 << 3 == 0
+}
+
 /// The input registers.
 #[inline(always)]
 pub fn levels() -> Levels {

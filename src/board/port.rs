@@ -15,8 +15,7 @@ const TOGETHER: usize = 64;
 pub static ARRIVED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// Events in the order in which they are handed on; a bit each.
-const EVENTS: [PortEvent; 5] =
-    [PortEvent::Closed, PortEvent::Opened, PortEvent::Break, PortEvent::Overrun, PortEvent::Framing];
+const EVENTS: [PortEvent; 2] = [PortEvent::Closed, PortEvent::Opened];
 
 /// What lies between a driver and the controller.
 pub struct Plug {
@@ -69,13 +68,6 @@ impl Socket {
     /// One for each plug.
     pub fn new(plug: &'static Plug) -> Self {
         Socket { plug, bytes: [0; TOGETHER], from: 0, to: 0 }
-    }
-}
-
-impl Socket {
-    /// Nothing waits to be sent.
-    pub fn is_drained(&self) -> bool {
-        self.plug.output.is_empty()
     }
 }
 

@@ -1,109 +1,263 @@
-//! The serial port: USART2 on PA2 and PA3, 8N1, received and sent by DMA.
+//! The serial port: USART2 on PA2 and PA3, 8N1, received and sent by DMA (RM0090, 30).
 //!
 //! # Design
-//! Reception runs for ever into a ring of [`RING`] bytes, so that nothing is lost while flash is written or the
-//! controller is busy. A break is a byte with a broken stop bit after which the line is still low.
+//! Reception runs for ever into a ring of [`RING`] bytes; the controller reads it where it lies. The line going idle wakes
+//! the controller, and it looks around once a millisecond anyhow. A damaged byte stops nothing: the interrupt notes
+//! where it lies in the ring, and what came up to it is dropped. A break is a damaged byte after which the line is
+//! still low.
+//!
+//! The driver of the HAL is not used: after an error it restarts the stream without setting its address and count anew,
+//! so that ring and stream disagree from then on.
+//!
+//! # Limitations
+//! Whoever stalls the processor for longer than the ring lasts (178 ms at 115200 baud, 20 ms at 1 Mbaud) calls
+//! [`Serial::after_a_stall`].
 
-use super::port::Plug;
-use embassy_futures::select::{Either, select};
-use embassy_stm32::mode::Async;
-use embassy_stm32::usart::{Config, Error, RingBufferedUartRx, Uart, UartTx};
-use embassy_stm32::{Peri, bind_interrupts, dma, pac, peripherals, usart};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
-use embassy_time::Timer;
-use stage_controller::hal::PortEvent;
-use static_cell::StaticCell;
+use super::gpio;
+use super::port::ARRIVED;
+use core::cell::UnsafeCell;
+use core::sync::atomic::{AtomicU32, Ordering};
+use cortex_m::peripheral::NVIC;
+use embassy_stm32::interrupt;
+use embassy_stm32::pac;
+use embassy_stm32::pac::Interrupt;
+use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
+use stage_controller::hal::{Port, PortEvent};
+use static_cell::ConstStaticCell;
 
-bind_interrupts!(struct Irqs {
-    USART2 => usart::InterruptHandler<peripherals::USART2>;
-    DMA1_STREAM5 => dma::InterruptHandler<peripherals::DMA1_CH5>;
-    DMA1_STREAM6 => dma::InterruptHandler<peripherals::DMA1_CH6>;
-});
-
-/// Bytes that may come while nobody looks: 178 ms at 115200 baud, 20 ms at 1 Mbaud.
+/// Bytes that may come while nobody looks.
 const RING: usize = 2048;
-/// Bytes that are handed on at once.
-const CHUNK: usize = 64;
-/// A new baud rate, once everything sent before it is out.
-pub static BAUD: Signal<CriticalSectionRawMutex, u32> = Signal::new();
-/// The receiver's side of the same.
-static RECEIVER_BAUD: Signal<CriticalSectionRawMutex, u32> = Signal::new();
+/// Bytes that may wait to be sent.
+const OUTPUT: usize = 512;
+/// Clock of USART2, Hz: that of APB1.
+const CLOCK_HZ: u32 = 42_000_000;
+/// Streams of DMA1, both on channel 4 (RM0090, table 42).
+const RECEIVE: usize = 5;
+const SEND: usize = 6;
+const CHANNEL: u8 = 4;
 
-/// Both halves of the port.
+/// Memory that DMA writes beside the processor.
+struct Shared(UnsafeCell<[u8; RING]>);
+// SAFETY: written by DMA alone; the one Serial reads what DMA has left behind.
+unsafe impl Sync for Shared {}
+static INPUT: Shared = Shared(UnsafeCell::new([0; RING]));
+
+/// What the interrupt has seen: bits of [`EVENTS`], and in the upper half the place in the ring behind the last damaged
+/// byte.
+static SEEN: AtomicU32 = AtomicU32::new(0);
+/// Events in the order in which they are handed on; a bit each.
+const EVENTS: [PortEvent; 4] = [PortEvent::Opened, PortEvent::Overrun, PortEvent::Framing, PortEvent::Break];
+
+/// The serial port.
 pub struct Serial {
-    pub receiver: RingBufferedUartRx<'static>,
-    pub sender: UartTx<'static, Async>,
+    baud: u32,
+    /// Place in the ring of the next byte to be read.
+    read: usize,
+    output: &'static mut [u8; OUTPUT],
+    /// Bytes of the output from `sent`, `waiting` of them, the first `sending` of which the stream has.
+    sent: usize,
+    waiting: usize,
+    sending: usize,
 }
 
-/// The peripherals that it takes.
-pub struct Parts {
-    pub usart: Peri<'static, peripherals::USART2>,
-    pub rx: Peri<'static, peripherals::PA3>,
-    pub tx: Peri<'static, peripherals::PA2>,
-    pub tx_dma: Peri<'static, peripherals::DMA1_CH6>,
-    pub rx_dma: Peri<'static, peripherals::DMA1_CH5>,
-}
-
-/// Sets the port up.
-pub fn open(parts: Parts, baud: u32) -> Serial {
-    static BUFFER: StaticCell<[u8; RING]> = StaticCell::new();
-    let mut config = Config::default();
-    config.baudrate = baud;
-    let Parts { usart, rx, tx, tx_dma, rx_dma } = parts;
-    let Ok(port) = Uart::new(usart, rx, tx, tx_dma, rx_dma, Irqs, config) else {
-        defmt::panic!("USART2 cannot run at {} baud", baud)
-    };
-    let (sender, receiver) = port.split();
-    Serial { receiver: receiver.into_ring_buffered(BUFFER.init([0; RING])), sender }
-}
-
-/// Bytes that come.
-#[embassy_executor::task]
-pub async fn receive(mut receiver: RingBufferedUartRx<'static>, plug: &'static Plug) {
-    let mut bytes = [0; CHUNK];
-    plug.ring(PortEvent::Opened);
-    loop {
-        match select(receiver.read(&mut bytes), RECEIVER_BAUD.wait()).await {
-            Either::First(Ok(count)) => plug.take_in(&bytes[..count]).await,
-            Either::First(Err(Error::Overrun)) => plug.ring(PortEvent::Overrun),
-            Either::First(Err(_)) => {
-                let is_break = is_low();
-                plug.ring(if is_break { PortEvent::Break } else { PortEvent::Framing });
-                while is_low() {
-                    Timer::after_millis(1).await;
-                }
-            }
-            Either::Second(baud) => {
-                if receiver.set_baudrate(baud).is_err() {
-                    defmt::warn!("{} baud is not possible", baud);
-                }
-            }
+impl Serial {
+    /// Sets the port up; it is open from the start.
+    ///
+    /// # Panics
+    /// When called a second time.
+    pub fn open(baud: u32) -> Self {
+        static BUFFER: ConstStaticCell<[u8; OUTPUT]> = ConstStaticCell::new([0; OUTPUT]);
+        let output = BUFFER.take();
+        pac::RCC.ahb1enr().modify(|w| w.set_dma1en(true));
+        pac::RCC.apb1enr().modify(|w| w.set_usart2en(true));
+        gpio::serial();
+        let usart = pac::USART2;
+        usart.cr3().write(|w| {
+            w.set_dmar(true);
+            w.set_dmat(true);
+            w.set_eie(true);
+        });
+        set_rate(baud);
+        usart.cr1().write(|w| {
+            w.set_ue(true);
+            w.set_te(true);
+            w.set_re(true);
+            w.set_idleie(true);
+        });
+        let stream = pac::DMA1.st(RECEIVE);
+        stream.par().write_value(usart.dr().as_ptr() as u32);
+        stream.m0ar().write_value(INPUT.0.get() as u32);
+        stream.ndtr().write(|w| w.set_ndt(RING as u16));
+        stream.cr().write(|w| {
+            w.set_chsel(CHANNEL);
+            w.set_dir(Dir::PERIPHERAL_TO_MEMORY);
+            w.set_minc(true);
+            w.set_circ(true);
+            w.set_msize(Size::BITS8);
+            w.set_psize(Size::BITS8);
+            w.set_pl(Pl::HIGH);
+            w.set_en(true);
+        });
+        note(PortEvent::Opened);
+        for interrupt in [Interrupt::USART2, Interrupt::DMA1_STREAM6] {
+            // SAFETY: the handlers share atomics with the thread.
+            unsafe { NVIC::unmask(interrupt) };
         }
+        Serial { baud, read: 0, output, sent: 0, waiting: 0, sending: 0 }
+    }
+
+    /// Nothing waits to be sent, and the last bit is out.
+    pub fn is_drained(&self) -> bool {
+        self.waiting == 0 && pac::USART2.sr().read().tc()
+    }
+
+    /// Another rate, bits per second; once the port is drained. True when it was another one.
+    pub fn follow(&mut self, baud: u32) -> bool {
+        let changes = baud != self.baud && self.is_drained();
+        if changes {
+            self.baud = baud;
+            set_rate(baud);
+        }
+        changes
+    }
+
+    /// The processor stood still: if the ring went round meanwhile, nobody knows how often.
+    pub fn after_a_stall(&mut self) {
+        if pac::DMA1.isr(RECEIVE / 4).read().tcif(RECEIVE % 4) {
+            self.read = written();
+            clear_round();
+            note(PortEvent::Overrun);
+        }
+    }
+
+    /// Hands the stream what waits, if it has done with what it had.
+    fn kick(&mut self) {
+        let stream = pac::DMA1.st(SEND);
+        if stream.cr().read().en() {
+            return;
+        }
+        self.sent = (self.sent + self.sending) % OUTPUT;
+        self.waiting -= self.sending;
+        self.sending = self.waiting.min(OUTPUT - self.sent);
+        if self.sending == 0 {
+            return;
+        }
+        pac::DMA1.ifcr(SEND / 4).write(|w| {
+            w.set_tcif(SEND % 4, true);
+            w.set_htif(SEND % 4, true);
+            w.set_teif(SEND % 4, true);
+            w.set_dmeif(SEND % 4, true);
+            w.set_feif(SEND % 4, true);
+        });
+        // the end of transmission is that of these bytes
+        pac::USART2.sr().write(|w| w.set_tc(false));
+        cortex_m::asm::dmb();
+        stream.par().write_value(pac::USART2.dr().as_ptr() as u32);
+        stream.m0ar().write_value(self.output.as_ptr() as u32 + self.sent as u32);
+        stream.ndtr().write(|w| w.set_ndt(self.sending as u16));
+        stream.cr().write(|w| {
+            w.set_chsel(CHANNEL);
+            w.set_dir(Dir::MEMORY_TO_PERIPHERAL);
+            w.set_minc(true);
+            w.set_msize(Size::BITS8);
+            w.set_psize(Size::BITS8);
+            w.set_tcie(true);
+            w.set_en(true);
+        });
     }
 }
 
-/// The line to PA3 is low.
-fn is_low() -> bool {
-    pac::GPIOA.idr().read().0 & 1 << 3 == 0
-}
+impl Port for Serial {
+    fn event(&mut self) -> Option<PortEvent> {
+        let seen = SEEN.load(Ordering::Relaxed);
+        let first = (seen & 0xffff).trailing_zeros() as usize;
+        let event = *EVENTS.get(first)?;
+        SEEN.fetch_and(!(1 << first), Ordering::Relaxed);
+        if matches!(event, PortEvent::Framing | PortEvent::Break) {
+            self.read = (seen >> 16) as usize % RING;
+        }
+        Some(event)
+    }
 
-/// Bytes that go.
-#[embassy_executor::task]
-pub async fn send(mut sender: UartTx<'static, Async>, plug: &'static Plug) {
-    let mut bytes = [0; CHUNK];
-    loop {
-        match select(plug.fetch(&mut bytes), BAUD.wait()).await {
-            Either::First(count) => {
-                if sender.write(&bytes[..count]).await.is_err() {
-                    defmt::warn!("{} bytes could not be sent", count);
-                }
-            }
-            Either::Second(baud) => {
-                let _ = sender.flush().await;
-                let _ = sender.set_baudrate(baud);
-                RECEIVER_BAUD.signal(baud);
+    fn received(&mut self) -> &[u8] {
+        // in this order: a round that ends in between is seen next time
+        let round = pac::DMA1.isr(RECEIVE / 4).read().tcif(RECEIVE % 4);
+        let written = written();
+        if round {
+            clear_round();
+            // it went round, and past what was not read yet
+            if written >= self.read && self.read != 0 {
+                self.read = written;
+                note(PortEvent::Overrun);
             }
         }
+        let end = if written < self.read { RING } else { written };
+        // SAFETY: the stream writes behind `written`; it takes a whole round, and then an overrun, to come here again.
+        let input = unsafe { &*INPUT.0.get() };
+        input.get(self.read..end).unwrap_or(&[])
     }
+
+    fn consume(&mut self, count: usize) {
+        self.read = (self.read + count) % RING;
+    }
+
+    fn room(&self) -> usize {
+        OUTPUT - self.waiting
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        for byte in bytes.iter().take(OUTPUT - self.waiting) {
+            self.output[(self.sent + self.waiting) % OUTPUT] = *byte;
+            self.waiting += 1;
+        }
+        self.kick();
+    }
+
+    fn attend(&mut self) {
+        self.kick();
+    }
+}
+
+/// Place in the ring that the stream writes next.
+fn written() -> usize {
+    (RING - usize::from(pac::DMA1.st(RECEIVE).ndtr().read().ndt())) % RING
+}
+
+fn clear_round() {
+    pac::DMA1.ifcr(RECEIVE / 4).write(|w| w.set_tcif(RECEIVE % 4, true));
+}
+
+/// Sixteen samples a bit: the divisor is the clock by the rate, rounded (RM0090, 30.3.4).
+fn set_rate(baud: u32) {
+    pac::USART2.brr().write_value(pac::usart::regs::Brr((CLOCK_HZ + baud / 2) / baud));
+}
+
+fn note(event: PortEvent) {
+    let bit = EVENTS.iter().position(|e| *e == event).map_or(0, |n| 1 << n);
+    SEEN.fetch_or(bit, Ordering::Relaxed);
+    ARRIVED.signal(());
+}
+
+#[interrupt]
+fn USART2() {
+    let usart = pac::USART2;
+    // reading the status and then the data clears what is handled here; the stream has taken the byte long since
+    let status = usart.sr().read();
+    let _ = usart.dr().read();
+    if status.fe() {
+        let place = (written() as u32) << 16;
+        let _ = SEEN.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |seen| Some(seen & 0xffff | place));
+        note(if gpio::serial_is_low() { PortEvent::Break } else { PortEvent::Framing });
+    }
+    if status.ore() {
+        note(PortEvent::Overrun);
+    }
+    ARRIVED.signal(());
+}
+
+/// The stream has sent what it had.
+#[interrupt]
+fn DMA1_STREAM6() {
+    pac::DMA1.ifcr(SEND / 4).write(|w| w.set_tcif(SEND % 4, true));
+    ARRIVED.signal(());
 }

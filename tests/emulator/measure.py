@@ -21,8 +21,8 @@ def main(path):
     stats = board.stats
     print(f"emulation: {SECONDS / spent:.2f} of real time, {instructions / spent / 1e6:.0f} million instructions a second")
     print(f"load: {100 * instructions * 1.5 / (SECONDS * board.rcc.system_hz):.0f} % of the core at 1.5 cycles an instruction")
-    entries = stats.irq_entries(TIM2_IRQ)
-    print(f"refill: {stats.irq_instructions(TIM2_IRQ) / entries:.0f} instructions on average, {stats.longest[16 + TIM2_IRQ]} at most, of {entries}")
+    entries, longest = stats.irq_entries(TIM2_IRQ), stats.longest[16 + TIM2_IRQ]
+    print(f"refill: {stats.irq_instructions(TIM2_IRQ) / entries:.0f} instructions on average, {longest} at most, of {entries}")
     print(f"refill begins {min(stats.refill_latency_us)} to {max(stats.refill_latency_us)} us after its tick")
     for us, times, name in board.longest_masked()[:3]:
         print(f"masked: {us:.2f} us at most, {times} times, in {name}")

@@ -634,3 +634,12 @@ def test_a_stream_enabled_again_begins_at_its_address_unless_told_otherwise(resu
     b.bus.store(TIM8, 1)
     b.run(50)
     assert b.words[102] == (102 if resumes else 2)
+
+
+def test_a_reset_ends_the_stream_after_the_words_that_have_played():
+    b = streaming(board())
+    b.run_ticks(300, 1000)
+    b.at(10.5, b.reset)
+    b.run(1000)
+    assert len(b.words) == 310
+    assert b.resets[-1][1] == "pin"

@@ -152,3 +152,39 @@ def test_a_crystal_that_dies_ends_in_a_new_start_without_it(board):
     assert board.resets[-1][1] == "software"
     assert board.rcc.system_hz == 168_000_000 and not board.rcc.pll_from_hse
     assert board.serial.query("*IDN?").startswith("Stage Controller,SC6,")
+
+
+def test_the_refill_comes_at_every_border_again_after_the_stream_has_paused(board):
+    saved(board)
+    board.run(1000)
+    before = board.stats.irq_entries(28)
+    board.run(12_800)
+    assert board.stats.irq_entries(28) - before >= 99
+
+
+def test_a_break_in_mid_line_costs_that_line_only(board):
+    board.serial.write("AXIS1:VE")
+    board.serial.send_break(3000)
+    board.run(20_000)
+    board.serial.read()
+    assert board.serial.query("*IDN?").startswith("Stage Controller,SC6,")
+
+
+def test_a_thousand_queries_a_second_at_full_speed_while_six_axes_move(board):
+    board.serial.write("SYST:COMM:SER:BAUD 1000000\n")
+    board.run(20_000)
+    board.serial.baud = 1_000_000
+    for n in range(1, 7):
+        board.serial.write(f"AXIS{n}:POS:SET 0;:AXIS{n}:ENAB ON\n")
+    board.run(50_000)
+    board.serial.write("POSE 500,500,500,0.1,0.1,0.1\n")
+    board.run_until(lambda: board.words.first_set() is not None, 200_000, "the first step")
+    board.serial.read()
+    for i in range(100):
+        board.at(1000 * i, lambda: board.serial.write("AXIS1:POS?\n"))
+    board.run(110_000)
+    answers = board.serial.read().split()
+    assert len(answers) == 100 and board.usart2.lost == 0
+    positions = [float(answer) for answer in answers]
+    assert positions == sorted(positions) and positions[-1] > positions[0]
+    assert board.serial.query("SYST:ERR?") == '0,"No error"' and len(board.words.runs) == 1

@@ -4,7 +4,7 @@ import ctypes
 
 from .adc import Adc
 from .bus import Bus, Store
-from .core import FLASH_BASE, SYSTEM_BASE, Core
+from .core import FLASH_BASE, Core
 from .debug import Dbgmcu, Dwt
 from .dma import Dma
 from .events import NEVER, UNITS_PER_US, units
@@ -129,6 +129,7 @@ class Board:
 
     def reset_by(self, cause):
         """A reset of the whole chip; backup domain and memories stay."""
+        self.sync_stream()
         self.resets.append((self.machine.now_us, cause))
         self.rcc.note_cause(cause)
         self.core.reset()
@@ -137,13 +138,12 @@ class Board:
         for peripheral in self.bus.peripherals:
             peripheral.reset()
         for port in self.ports.values():
-            port._settle()
+            port.settle()
         flash = self.core.flash
         self.machine.start(int.from_bytes(flash[0:4], "little"), int.from_bytes(flash[4:8], "little"))
 
     def reset(self):
         """The reset button."""
-        self.sync_stream()
         self.reset_by("pin")
 
     def power_cycle(self):
@@ -259,8 +259,11 @@ class Board:
         return 0x1001_0000 - self.machine.lowest_sp()
 
     def longest_masked(self):
-        """Sections with interrupts masked, longest first: (microseconds without handlers that interrupt it, times, function that begins it)."""
-        out = [(longest * self.machine.instruction / UNITS_PER_US, times, self.image.function_at(pc)) for pc, _, longest, times in self.core.sections()]
+        """Sections with interrupts masked, longest first: (microseconds, times, function that begins it).
+
+        Handlers that interrupt a section do not belong to it."""
+        unit = self.machine.instruction / UNITS_PER_US
+        out = [(longest * unit, times, self.image.function_at(pc)) for pc, _, longest, times in self.core.sections()]
         return sorted(out, reverse=True)
 
     def profile(self, on=True):
@@ -311,7 +314,7 @@ class Board:
         """A stream was enabled, disabled or changed: watch the stores into its memory, plan its interrupts."""
         low, high = NEVER, 0
         for source in ("UP", "CH1"):
-            stream = self.tim8._stream(source)
+            stream = self.tim8.stream_of(source)
             if stream and stream.memory and stream.total:
                 low, high = min(low, stream.m0ar), max(high, stream.m0ar + stream.width * stream.total)
         self.core.watch_ring(low, high - low) if high else self.core.watch_ring(0, 0)

@@ -3,6 +3,12 @@
 from .bus import Peripheral
 
 
+# (register, bit) of what a halted core can stop.
+_FREEZE = {
+    "TIM2": (8, 0), "TIM3": (8, 1), "TIM4": (8, 2), "TIM5": (8, 3), "IWDG": (8, 12), "TIM1": (12, 0), "TIM8": (12, 1),
+}
+
+
 class Dbgmcu(Peripheral):
     """Only a power-on reset clears it."""
 
@@ -17,7 +23,7 @@ class Dbgmcu(Peripheral):
 
     def freezes(self, name):
         """Whether a halted core stops `name` too."""
-        offset, bit = {"TIM2": (8, 0), "TIM3": (8, 1), "TIM4": (8, 2), "TIM5": (8, 3), "IWDG": (8, 12), "TIM1": (12, 0), "TIM8": (12, 1)}.get(name, (8, 31))
+        offset, bit = _FREEZE.get(name, (8, 31))
         return bool(self.regs.get(offset, 0) >> bit & 1)
 
 

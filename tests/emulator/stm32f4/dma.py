@@ -211,7 +211,9 @@ class Dma(Peripheral):
         stream, register = self.streams[(offset - 0x10) // 0x18], (offset - 0x10) % 0x18
         if register == 0:
             return stream.cr | (self.board.machine.now < stream.busy_until)
-        return (0, stream.remaining, stream.par, stream.m0ar, stream.m1ar, stream.fcr & ~0x38 | (0 if stream.ahead else 4) << 3)[register // 4]
+        level = 0 if stream.ahead else 4  # empty
+        control = stream.fcr & ~0x38 | level << 3
+        return (0, stream.remaining, stream.par, stream.m0ar, stream.m1ar, control)[register // 4]
 
     def other_bytes(self, offset):
         return 0 if offset < 0x10 else self.read(offset)

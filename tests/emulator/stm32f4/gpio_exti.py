@@ -27,7 +27,7 @@ class Port(Peripheral):
         self.regs = dict(_RESET.get(self.letter, {}))
         self.fold()
         self.odr = 0
-        self._settle()
+        self.settle()
 
     def fold(self):
         """Brings ODR up to the last word of the stream."""
@@ -51,15 +51,15 @@ class Port(Peripheral):
         bit = 1 << pin
         self.driven = self.driven & ~bit if level is None else self.driven | bit
         self.external = self.external | bit if level else self.external & ~bit
-        self._settle()
+        self.settle()
 
     def level(self, pin):
         """What a meter at the pin shows."""
         self._catch_up()
-        self._settle()
+        self.settle()
         return self.levels >> pin & 1
 
-    def _settle(self):
+    def settle(self):
         moder, pupdr, otyper = self.regs.get(_MODER, 0), self.regs.get(_PUPDR, 0), self.regs.get(_OTYPER, 0)
         outputs = sum(1 << i for i in range(16) if moder >> 2 * i & 3 == OUTPUT)
         analog = sum(1 << i for i in range(16) if moder >> 2 * i & 3 == ANALOG)
@@ -78,7 +78,7 @@ class Port(Peripheral):
         if offset in (_IDR, _ODR):
             if self.stream is not None:
                 self._catch_up()
-                self._settle()
+                self.settle()
             return self.odr if offset == _ODR else self.levels
         return self.regs.get(offset, 0)
 
@@ -92,7 +92,7 @@ class Port(Peripheral):
             self.odr = self.odr & ~(value >> 16) | value & 0xFFFF if offset == _BSRR else value & 0xFFFF
         elif offset != _IDR:
             self.regs[offset] = value
-        self._settle()
+        self.settle()
         if offset in (_MODER, _AFRL, _AFRH):
             for watcher in self.watchers:
                 watcher(0xFFFF, self.levels)

@@ -201,7 +201,7 @@ class Machine:
 
     def _enter(self, number):
         nvic, stats = self.board.nvic, self.board.stats
-        asleep, self.asleep = self.asleep, None
+        self.asleep = None
         stats.interrupted(self.core.state.count)
         failed = self.core.enter_exception(self.pc, number, bool(nvic.active))
         self._jump(self.now + EXCEPTION_CYCLES * self.cycle)

@@ -121,7 +121,8 @@ class Nvic(Peripheral):
         return mask >> 32 * index & 0xFFFF_FFFF
 
     def read(self, offset):
-        for first, mask in ((0x100, self.enabled), (0x180, self.enabled), (0x200, self.pending), (0x280, self.pending), (0x300, self.active_irqs)):
+        masks = self.enabled, self.enabled, self.pending, self.pending, self.active_irqs
+        for first, mask in zip((0x100, 0x180, 0x200, 0x280, 0x300), masks):
             if first <= offset < first + 0x20:
                 return self._word(mask, (offset - first) // 4)
         if 0x400 <= offset < 0x400 + IRQS + 3 & ~3:
@@ -129,7 +130,8 @@ class Nvic(Peripheral):
         if offset == 0xD04:
             waiting = self.pending & self.enabled
             first = (waiting & -waiting).bit_length() + 15 if waiting else 0
-            return (self.active[-1] if self.active else 0) | first << 12 | bool(waiting) << 22 | (len(self.active) <= 1) << 11
+            number = self.active[-1] if self.active else 0
+            return number | first << 12 | bool(waiting) << 22 | (len(self.active) <= 1) << 11
         if offset == 0xD08:
             return self.vector_table
         if 0xD18 <= offset < 0xD24:

@@ -9,7 +9,10 @@ _UNIT_HZ = UNITS_PER_US * 1_000_000
 _CR, _PLLCFGR, _CFGR, _CIR, _BDCR, _CSR = 0x00, 0x04, 0x08, 0x0C, 0x70, 0x74
 _RESETS = {0x10: 0x30, 0x14: 0x34, 0x18: 0x38, 0x20: 0x40, 0x24: 0x44}
 # Bits of CSR.
-CAUSES = {"low power": 1 << 31, "window watchdog": 1 << 30, "watchdog": 1 << 29, "software": 1 << 28, "power": 1 << 27, "pin": 1 << 26, "brown-out": 1 << 25}
+CAUSES = {
+    "low power": 1 << 31, "window watchdog": 1 << 30, "watchdog": 1 << 29, "software": 1 << 28, "power": 1 << 27,
+    "pin": 1 << 26, "brown-out": 1 << 25,
+}
 # The crystal's start-up time, the PLL's lock time (data sheet: typical 2 ms; 75 to 200 us).
 _HSE_START_US, _PLL_LOCK_US, _LSI_START_US = 2000, 100, 40
 
@@ -40,7 +43,10 @@ class Rcc(Peripheral):
         self._cause_flags = 0
 
     def reset(self):
-        self.regs = {_CR: 0x83, _PLLCFGR: 0x2400_3010, 0x30: 0x0010_0000, 0x50: 0x7E67_91FF, 0x54: 0xF1, 0x58: 1, 0x60: 0x36FE_C9FF, 0x64: 0x0007_5F33, _CSR: 0}
+        self.regs = {
+            _CR: 0x83, _PLLCFGR: 0x2400_3010, 0x30: 0x0010_0000, 0x50: 0x7E67_91FF, 0x54: 0xF1, 0x58: 1,
+            0x60: 0x36FE_C9FF, 0x64: 0x0007_5F33, _CSR: 0,
+        }
         self._ready_at = {}
         self._use = "HSI"
         self._css_flag = False

@@ -41,8 +41,8 @@ class Stats:
         counter, clock = board.tim2, board.tim8
         late = (counter.cnt - counter.ccr[0]) & 0xFFFF_FFFF
         if counter.sr & 2 and late < 1 << 31:
-            tick = clock._period * (clock.arr + 1)
-            since = late * tick + now - clock.ref + clock.cnt * clock._period
+            tick = clock.tick * (clock.arr + 1)
+            since = late * tick + now - clock.ref + clock.cnt * clock.tick
             self.refill_latency_us[round(since / UNITS_PER_US, 1)] += 1
 
     def left(self, number, now, count):

@@ -7,13 +7,17 @@ from .bus import Peripheral
 from .dma import SERVICE_CYCLES
 from .events import NEVER
 
-_CR1, _CR2, _SMCR, _DIER, _SR, _EGR, _CNT, _PSC, _ARR, _RCR, _CCR1 = 0x00, 0x04, 0x08, 0x0C, 0x10, 0x14, 0x24, 0x28, 0x2C, 0x30, 0x34
+_CR1, _CR2, _SMCR, _DIER, _SR, _EGR = range(0, 0x18, 4)
+_CNT, _PSC, _ARR, _CCR1 = 0x24, 0x28, 0x2C, 0x34
 _CEN, _UDIS, _URS, _OPM, _ARPE = 1, 2, 4, 8, 0x80
 _UIF, _TIF = 1, 0x40
 _GATED, _EXTERNAL_1 = 5, 7
 _ETRF = 7
 # ETR filter (SMCR.ETF): samples and clock divider of each code.
-_FILTER = ((0, 0), (2, 1), (4, 1), (8, 1), (6, 2), (8, 2), (6, 4), (8, 4), (6, 8), (8, 8), (5, 16), (6, 16), (8, 16), (5, 32), (6, 32), (8, 32))
+_FILTER = (
+    (0, 0), (2, 1), (4, 1), (8, 1), (6, 2), (8, 2), (6, 4), (8, 4), (6, 8), (8, 8), (5, 16), (6, 16), (8, 16), (5, 32),
+    (6, 32), (8, 32),
+)
 _SYNC_CYCLES = 3
 # At most this many updates are counted at once.
 _BATCH = 128
@@ -56,7 +60,7 @@ class Timer(Peripheral):
     # Counting.
 
     @property
-    def _period(self):
+    def tick(self):
         """Units per tick; zero when the clock stands."""
         return (self.board.rcc.timer2 if self.fast else self.board.rcc.timer1) * (self.psc + 1)
 
@@ -75,7 +79,7 @@ class Timer(Peripheral):
             if self.master and self.master[0] == self.smcr >> 4 & 7:
                 self.master[1].sync()
             return
-        now, tick = self.board.machine.now, self._period
+        now, tick = self.board.machine.now, self.tick
         if tick and self._counts():
             ticks = (now - self.ref) // tick
             while ticks > 0:
@@ -88,7 +92,7 @@ class Timer(Peripheral):
 
     def _batch(self):
         """Updates that may be counted at once: neither stream may reach what the other one has just touched."""
-        play, clear = self._stream("UP"), self._stream("CH1")
+        play, clear = self.stream_of("UP"), self.stream_of("CH1")
         if not play or not clear or not play.total:
             return _BATCH
         apart = (play.slot - clear.slot) % play.total
@@ -146,20 +150,20 @@ class Timer(Peripheral):
         if self.slave and self.regs.get(_CR2, 0) >> 4 & 7 == 2:
             self.slave.clocked(count)
 
-    def _stream(self, source):
+    def stream_of(self, source):
         for stream, channel in self.requests.get(source, ()):
             if stream.enabled and stream.channel == channel:
                 return stream
         return None
 
     def _request(self, source, count, time=None, step=0):
-        stream = self._stream(source)
+        stream = self.stream_of(source)
         served = stream.serve(count, time, step) if stream else 0
         if served < count:
             self.latched.add(source)
 
     def _software_request(self, source):
-        stream, now = self._stream(source), self.board.machine.now
+        stream, now = self.stream_of(source), self.board.machine.now
         if stream and now - stream.last_service < SERVICE_CYCLES * self.board.rcc.ahb:
             self.board.merged_requests += 1
             self.board.bus.warn(f"{self.name}: a software event came before the DMA had served the last one and was lost")
@@ -169,7 +173,7 @@ class Timer(Peripheral):
     def dma_ready(self):
         """A stream was enabled: a request that waits is served."""
         for source in sorted(self.latched):
-            if self._stream(source):
+            if self.stream_of(source):
                 self.latched.discard(source)
                 self._request(source, 1, self.board.machine.now, 0)
 
@@ -194,12 +198,12 @@ class Timer(Peripheral):
             if self.dier >> 1 + i & 1 and not self.sr >> 1 + i & 1 and self.ccr[i] <= self.arr:
                 consider((self.ccr[i] - self.cnt - 1) % span + 1)
             if self.dier >> 9 + i & 1:
-                stream = self._stream(f"CH{i + 1}")
+                stream = self.stream_of(f"CH{i + 1}")
                 requests = stream.requests_to_interrupt() if stream else None
                 if requests:
                     consider((self.ccr[i] - self.cnt - 1) % span + 1 + (requests - 1) * span)
         if self.dier >> 8 & 1:
-            stream = self._stream("UP")
+            stream = self.stream_of("UP")
             requests = stream.requests_to_interrupt() if stream else None
             if requests:
                 consider(to_update + (requests - 1) * span)
@@ -218,7 +222,7 @@ class Timer(Peripheral):
             if self.master:
                 self.master[1].reschedule()
             return
-        tick = self._period
+        tick = self.tick
         ticks = self._ticks_to_event() if tick and self._counts() else None
         self.alarm.set(NEVER if ticks is None else self.ref + ticks * tick)
         if self.requests:
@@ -227,7 +231,7 @@ class Timer(Peripheral):
     def _watch_ring(self, tick):
         """What the streams may reach before the next look: a store there must first let them do what they have done."""
         machine, state = self.board.machine, self.board.core.state
-        streams = [s for s in (self._stream("UP"), self._stream("CH1")) if s]
+        streams = [s for s in (self.stream_of("UP"), self.stream_of("CH1")) if s]
         if not streams or not tick or not self._counts() or not self.dier & 0x7F00:
             machine.watch_stores(NEVER)
             state.window_size = 0
@@ -251,7 +255,7 @@ class Timer(Peripheral):
 
     def clocks_change(self):
         self.sync()
-        if not self.external and self._counts() and self._period:
+        if not self.external and self._counts() and self.tick:
             # The part of a tick that has passed is kept as whole units of the old clock: below one tick.
             self.ref = self.board.machine.now
 
@@ -317,7 +321,7 @@ class Timer(Peripheral):
 
     def _updates_ahead(self):
         """Update events since the last look that TRGO hands on; None if it takes a look to tell."""
-        tick = self._period
+        tick = self.tick
         if not tick or not self._counts() or self.regs.get(_CR2, 0) >> 4 & 7 != 2:
             return 0
         if self.cnt > self.arr or not self.arr or self.cr1 & (_UDIS | _OPM):
@@ -329,8 +333,8 @@ class Timer(Peripheral):
         if self.external and self.master and self.master[0] == self.smcr >> 4 & 7 and self.cr1 & _CEN and not self.frozen:
             ahead = self.master[1]._updates_ahead()
             ticks = None if ahead is None else (self.phase + ahead) // (self.psc + 1)
-        elif not self.external and self._counts() and self._period:
-            ticks = (self.board.machine.now - self.ref) // self._period
+        elif not self.external and self._counts() and self.tick:
+            ticks = (self.board.machine.now - self.ref) // self.tick
         else:
             ticks = 0
         if ticks is None or self.cnt + ticks > self.arr:

@@ -1,0 +1,30 @@
+#!/usr/bin/env python3
+"""What the firmware takes of flash and of static memory, against what it may.
+
+    tests/emulator/size.py ELF
+"""
+
+import sys
+
+from elftools.elf.elffile import ELFFile
+
+FLASH_LIMIT, RAM_LIMIT = 192 * 1024, 64 * 1024
+FLASH, RAM = range(0x0800_0000, 0x0810_0000), range(0x2000_0000, 0x2002_0000)
+
+
+def main():
+    if len(sys.argv) != 2:
+        sys.exit(__doc__)
+    with open(sys.argv[1], "rb") as file:
+        elf = ELFFile(file)
+        allocated = [s for s in elf.iter_sections() if s["sh_flags"] & 2 and s["sh_size"]]
+        # the initial values of .data lie in flash too
+        flash = sum(s["sh_size"] for s in allocated if s["sh_addr"] in FLASH or s.name == ".data")
+        ram = sum(s["sh_size"] for s in allocated if s["sh_addr"] in RAM)
+    print(f"figure: flash {flash} of {FLASH_LIMIT} bytes, static RAM {ram} of {RAM_LIMIT} bytes")
+    assert flash > 10_000 and ram > 10_000, "these are not the sections of the firmware"
+    sys.exit(flash > FLASH_LIMIT or ram > RAM_LIMIT)
+
+
+if __name__ == "__main__":
+    main()
