@@ -41,10 +41,10 @@ def boot(board):
     return taken
 
 
-def power_up(firmware, **options):
+def power_up(firmware, stop_closed=True, **options):
     """The emergency stop's contact closed, limit switches closed to ground; booted."""
     board = Board(firmware, **options)
-    board.pin(*STOP, 1)
+    board.pin(*STOP, int(stop_closed))
     for pin in LOWER + UPPER:
         board.pin(*pin, 0)
     boot(board)
@@ -215,9 +215,9 @@ class Switch:
 
     LOOK_US = 50
 
-    def __init__(self, board, motor, at, upper=True, hysteresis=0, scatter=None):
+    def __init__(self, board, motor, at, upper=True, hysteresis=0, scatter=None, bounces=False):
         self.board, self.motor, self.at, self.sign = board, motor, at, 1 if upper else -1
-        self.pin, self.hysteresis, self.scatter = (UPPER if upper else LOWER)[motor], hysteresis, scatter
+        self.pin, self.hysteresis, self.scatter, self.bounces = (UPPER if upper else LOWER)[motor], hysteresis, scatter, bounces
         self.follower, self.tripped, self.trips, self.on = Follower(board), False, [], True
         self._look()
 
@@ -237,3 +237,7 @@ class Switch:
     def _turn(self, tripped):
         self.tripped = tripped
         self.board.pin(*self.pin, int(tripped))
+        if self.bounces:
+            # the contact is open and closed some more times within a millisecond
+            for n, at in enumerate((150, 220, 600, 640)):
+                self.board.at(at, lambda level=int(tripped) ^ (n + 1) % 2: self.board.pin(*self.pin, level))
