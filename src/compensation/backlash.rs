@@ -87,39 +87,60 @@ struct TakeUp {
     quarter: u32,
 }
 
+/// On which side of the play a motor is, and since where: what the reversal rule remembers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Side {
+    /// Farthest whole-step target reached on this flank.
+    extreme: i32,
+    flank: Flank,
+    /// False after power-up, until homed or preloaded: the overlay then stays.
+    known: bool,
+}
+
 /// State of one motor's play.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Play {
-    flank: Flank,
-    /// Farthest whole-step target reached on this flank.
-    extreme: i32,
+    side: Side,
+    /// No take-up is on its way, and the overlay is the wanted one as long as the motor does not turn.
+    calm: bool,
     /// Overlay at rest, whole steps.
     overlay: i32,
     take_up: TakeUp,
-    /// False after power-up, until homed or preloaded: the overlay then stays.
-    known: bool,
+}
+
+impl Side {
+    /// Steps beyond the extreme, in the direction of the flank.
+    #[inline(always)]
+    fn ahead(&self, target: i32) -> i32 {
+        target.wrapping_sub(self.extreme).wrapping_mul(self.flank.sign())
+    }
 }
 
 impl Play {
     /// At rest at a target with an overlay, on a known flank or on an unknown one.
     pub fn resting(target: i32, flank: Option<Flank>, overlay: i32) -> Self {
         Play {
-            flank: flank.unwrap_or_default(),
-            extreme: target,
+            side: Side { extreme: target, flank: flank.unwrap_or_default(), known: flank.is_some() },
+            calm: false,
             overlay,
             take_up: TakeUp::default(),
-            known: flank.is_some(),
         }
     }
 
     /// The flank as tracked.
     pub fn flank(&self) -> Flank {
-        self.flank
+        self.side.flank
+    }
+
+    /// What the reversal rule remembers.
+    #[inline(always)]
+    pub fn side(&self) -> Side {
+        self.side
     }
 
     /// True once homed or preloaded.
     pub fn is_known(&self) -> bool {
-        self.known
+        self.side.known
     }
 
     /// True while a take-up is on its way.
@@ -136,8 +157,8 @@ impl Play {
     #[inline(always)]
     fn wanted(&self, config: &PlayConfig) -> i32 {
         match config.overlay {
-            Overlay::Follow if self.known => config.overlay_of(self.flank),
-            Overlay::Fixed(flank) if self.known => config.overlay_of(flank),
+            Overlay::Follow if self.side.known => config.overlay_of(self.side.flank),
+            Overlay::Fixed(flank) if self.side.known => config.overlay_of(flank),
             _ => self.overlay,
         }
     }
@@ -150,27 +171,45 @@ impl Play {
     /// The reversal rule alone: true when the target turned the flank.
     #[inline(always)]
     pub fn turn(&mut self, target: i32, dead_band: i32) -> bool {
-        let ahead = target.wrapping_sub(self.extreme).wrapping_mul(self.flank.sign());
+        let side = &mut self.side;
+        let ahead = side.ahead(target);
         if ahead >= 0 {
-            self.extreme = target;
+            side.extreme = target;
             return false;
         }
         if -ahead <= dead_band {
             return false;
         }
-        self.flank = self.flank.opposite();
-        self.extreme = target;
+        side.flank = side.flank.opposite();
+        side.extreme = target;
         true
+    }
+
+    /// Most segments: the motor does not turn and nothing is to be taken up, so that the overlay stays. False when
+    /// it may be otherwise: then [`Play::advance`] is due, and nothing has been changed.
+    #[inline(always)]
+    pub fn goes_on(&mut self, target: i32) -> bool {
+        let goes_on = self.calm && self.side.ahead(target) >= 0;
+        if goes_on {
+            self.side.extreme = target;
+        }
+        goes_on
+    }
+
+    /// The configuration has changed.
+    pub fn disturb(&mut self) {
+        self.calm = false;
     }
 
     /// One segment that ends at `target` (whole steps): returns the overlay there in Q32 steps.
     /// `moving`: a move is under way, so that a take-up may begin.
-    #[inline(always)]
+    #[inline(never)]
     pub fn advance(&mut self, target: i32, moving: bool, config: &PlayConfig) -> i64 {
         self.turn(target, config.dead_band);
         if self.take_up.quarter == 0 {
             let wanted = self.wanted(config);
-            if !moving || self.overlay == wanted {
+            self.calm = self.overlay == wanted;
+            if !moving || self.calm {
                 return i64::from(self.overlay) << 32;
             }
             self.take_up = TakeUp { from: self.overlay, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
@@ -180,8 +219,6 @@ impl Play {
 
     /// Four phases of constant jerk, each a quarter: sigma = 16/3 x^3, then 1/2 - 2 y + 16/3 y^3 with y = 1/2 - x,
     /// and the mirror image. Peaks for a width b and duration T: 2 b/T, 8 b/T^2, 32 b/T^3.
-    #[cold]
-    #[inline(never)]
     fn continue_take_up(&mut self, config: &PlayConfig) -> i64 {
         let TakeUp { from, to, quarter, .. } = self.take_up;
         self.take_up.elapsed += 1;
@@ -216,16 +253,15 @@ impl Play {
         (i64::from(from) << 32) + ((way * sigma) >> 8)
     }
 
-    /// Rolls back to rest at `target` with `overlay` whole steps, after an abort in the segment of which this
-    /// is the start state. An unfinished take-up goes on with the next move.
-    pub fn abort(&mut self, target: i32, overlay: i32, dead_band: i32) {
+    /// Rolls back to rest at `target` with `overlay` whole steps, after an abort in the segment that began on this
+    /// side. An unfinished take-up goes on with the next move.
+    pub fn abort(&mut self, side: Side, target: i32, overlay: i32, dead_band: i32) {
+        *self = Play { side, calm: false, overlay, take_up: TakeUp::default() };
         self.turn(target, dead_band);
-        self.overlay = overlay;
-        self.take_up = TakeUp::default();
     }
 
     /// Moves the tracked extreme by whole steps when the count of the motor is re-anchored.
     pub fn shift(&mut self, by: i32) {
-        self.extreme = self.extreme.wrapping_add(by);
+        self.side.extreme = self.side.extreme.wrapping_add(by);
     }
 }

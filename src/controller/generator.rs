@@ -9,37 +9,65 @@
 //! An abort must name a segment among the last [`HISTORY`] ones.
 
 use super::border::{Action, Order, Orders, Report};
-use crate::compensation::backlash::{Flank, Play, PlayConfig};
+use crate::compensation::backlash::{Flank, Play, PlayConfig, Side};
 use crate::compensation::coupling::HALF;
 use crate::compensation::law::{Law, Remembered};
 use crate::motion::planner::SLOTS;
 use crate::motion::track::Track;
-use crate::stepgen::segment::{Emitter, Words, clear, place_all};
-use crate::stepgen::timing::Timing;
+use crate::stepgen::segment::{Emitter, Words, clear};
+use crate::stepgen::timing::{Line, Timing};
 use crate::units::{AXES, FinePose, FineSteps, MotorSteps, SEGMENT_TICKS};
 
 /// Segments whose start state is kept: the ring of the board, the one in the making, and slack.
 pub const HISTORY: usize = 8;
 
 /// A track and the segment with which it began.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Running {
     track: Track,
     start: u64,
     cursor: u8,
+    /// The axes that the track moves.
+    axes: u8,
+}
+
+/// One motor at the end of what was generated.
+#[derive(Clone, Copy, Debug, Default)]
+struct Motor {
+    /// Law's target, half added.
+    target: i64,
+    /// Target plus overlay: what the steps follow.
+    position: i64,
+    emitter: Emitter,
+    play: Play,
+    config: PlayConfig,
+}
+
+/// A motor at the start of a segment: what a roll-back needs.
+#[derive(Clone, Copy, Debug, Default)]
+struct Snapshot {
+    target: i64,
+    position: i64,
+    emitter: Emitter,
+    side: Side,
+}
+
+/// What reports say of a segment, bit n = axis or motor n.
+#[derive(Clone, Copy, Debug, Default)]
+struct Flags {
+    moving: u8,
+    taking_up: u8,
+    negative: u8,
+    known: u8,
+    owing: u8,
 }
 
 /// State at the start of a segment, for reports and for the roll-back.
 #[derive(Clone, Copy, Debug, Default)]
 struct Start {
     segment: u64,
-    /// Law's targets, half added.
-    target: FineSteps,
-    /// Targets plus overlay: what the steps follow.
-    motor: FineSteps,
-    emitters: [Emitter; AXES],
-    plays: [Play; AXES],
-    moving: u8,
+    motors: [Snapshot; AXES],
+    flags: Flags,
 }
 
 /// Profile, law, backlash and placement of all motors.
@@ -47,12 +75,13 @@ pub struct Generator {
     law: Law,
     remembered: Remembered,
     base: FinePose,
-    tracks: [Option<Running>; SLOTS],
-    plays: [Play; AXES],
-    configs: [PlayConfig; AXES],
-    target: FineSteps,
-    motor: FineSteps,
-    emitters: [Emitter; AXES],
+    tracks: [Running; SLOTS],
+    /// Bit n: slot n has a track.
+    running: u8,
+    motors: [Motor; AXES],
+    /// A step waits.
+    waiting: bool,
+    flags: Flags,
     timing: Timing,
     segment: u64,
     /// The last segment with a track, a take-up or a waiting step in it, plus one.
@@ -61,22 +90,23 @@ pub struct Generator {
     refused: u32,
     aborts: u16,
     history: [Start; HISTORY],
+    /// How many of the last entries of the history say what is the case now.
+    steady: u8,
 }
 
 impl Generator {
     /// At rest at pose zero, counts zero, flanks unknown.
     pub fn new(law: Law, timing: Timing) -> Self {
-        let rest = FineSteps([HALF; AXES]);
+        let motor = Motor { target: HALF, position: HALF, ..Motor::default() };
         let mut generator = Generator {
             law,
             remembered: Remembered::default(),
             base: FinePose::default(),
-            tracks: [None; SLOTS],
-            plays: [Play::default(); AXES],
-            configs: [PlayConfig::default(); AXES],
-            target: rest,
-            motor: rest,
-            emitters: Default::default(),
+            tracks: [Running::default(); SLOTS],
+            running: 0,
+            motors: [motor; AXES],
+            waiting: false,
+            flags: Flags::default(),
             timing,
             segment: 0,
             busy_until: 0,
@@ -84,6 +114,7 @@ impl Generator {
             refused: 0,
             aborts: 0,
             history: [Start::default(); HISTORY],
+            steady: 0,
         };
         generator.anchor(FinePose::default(), MotorSteps::default());
         generator
@@ -91,38 +122,98 @@ impl Generator {
 
     /// Writes the words of the next segment. `played`: segments completely played so far.
     pub fn refill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
-        self.take_orders(orders);
-        let moving = self.moving_axes();
-        self.remember(moving);
-        let busy =
-            moving != 0 || self.plays.iter().any(Play::is_taking_up) || self.emitters.iter().any(|e| e.waiting() != 0);
-        if busy {
-            if self.segment > self.busy_until + 2 {
-                self.emitters.iter_mut().for_each(|e| e.rested(first_tick(self.segment)));
-            }
-            self.step(moving != 0, words);
-            self.busy_until = self.segment + 1;
-        } else {
+        self.fill(orders, played, words, false)
+    }
+
+    /// [`Generator::refill`] for words that hardware has cleared: each is
+    /// [`RESET_STEPS`](crate::stepgen::pins::RESET_STEPS), which is what [`clear`] writes on a grid of one tick.
+    pub fn refill_cleared(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
+        self.fill(orders, played, words, true)
+    }
+
+    #[inline(always)]
+    fn fill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words, cleared: bool) -> Report {
+        if orders.peek().is_some() {
+            self.take_orders(orders);
+        }
+        if !cleared || self.timing.grid() != 1 {
             clear(words, &self.timing);
+        }
+        let moving = self.running != 0;
+        if moving || self.waiting || self.flags.taking_up != 0 {
+            if self.segment > self.busy_until + 2 {
+                self.motors.iter_mut().for_each(|motor| motor.emitter.rested(first_tick(self.segment)));
+            }
+            let targets = if moving { Some(self.next_targets()) } else { None };
+            self.follow(targets, words);
+            self.busy_until = self.segment + 1;
+            self.steady = 0;
+        } else {
+            self.stand();
         }
         self.segment += 1;
         self.report(played)
     }
 
-    /// One segment of motion.
+    /// The law's targets at the end of this segment.
     #[inline(always)]
-    fn step(&mut self, moving: bool, words: &mut Words) {
-        if moving {
-            let pose = self.advance_tracks();
-            self.target = self.law.motors(&pose, &mut self.remembered);
+    fn next_targets(&mut self) -> FineSteps {
+        let pose = self.advance_tracks();
+        self.law.motors(&pose, &mut self.remembered)
+    }
+
+    /// One segment of motion: remembers every motor, takes up its play and places its steps. Without `targets`
+    /// only the overlay moves.
+    #[inline(always)]
+    fn follow(&mut self, targets: Option<FineSteps>, words: &mut Words) {
+        let base = first_tick(self.segment);
+        let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
+        start.segment = self.segment;
+        start.flags = self.flags;
+        let moving = targets.is_some();
+        let mut ways = [(0, 0); AXES];
+        let mut news = false;
+        let pairs = self.motors.iter_mut().zip(&mut start.motors);
+        for (i, (motor, snapshot)) in pairs.enumerate() {
+            *snapshot = motor.snapshot();
+            if let Some(targets) = &targets {
+                motor.target = targets.0[i];
+            }
+            news |= motor.take_up(moving);
+            ways[i] = (snapshot.position, motor.position);
         }
-        let from = self.motor;
-        for i in 0..AXES {
-            let target = self.target.0[i];
-            let overlay = self.plays[i].advance((target >> 32) as i32, moving, &self.configs[i]);
-            self.motor.0[i] = target.wrapping_add(overlay);
+        self.waiting = place(&mut self.motors, self.timing.lines(), &ways, base, words);
+        self.flags.moving = self.moving_axes();
+        if news {
+            self.look_at_plays();
         }
-        place_all(&mut self.emitters, &from, &self.motor, first_tick(self.segment), &self.timing, words);
+    }
+
+    /// A segment in which nothing moves.
+    #[inline(always)]
+    fn stand(&mut self) {
+        let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
+        start.segment = self.segment;
+        if usize::from(self.steady) < HISTORY {
+            self.steady += 1;
+            start.flags = self.flags;
+            for (motor, snapshot) in self.motors.iter().zip(&mut start.motors) {
+                *snapshot = motor.snapshot();
+            }
+        }
+    }
+
+    /// What reports say of the plays, after something has happened to one.
+    #[inline(never)]
+    fn look_at_plays(&mut self) {
+        let mut flags = Flags { moving: self.flags.moving, ..Flags::default() };
+        for (i, Motor { play, config, .. }) in self.motors.iter().enumerate() {
+            flags.taking_up |= u8::from(play.is_taking_up()) << i;
+            flags.negative |= u8::from(play.flank() == Flank::Negative) << i;
+            flags.known |= u8::from(play.is_known()) << i;
+            flags.owing |= u8::from(play.owes(config)) << i;
+        }
+        self.flags = flags;
     }
 
     /// The pose at the end of this segment; tracks that end are merged into the base, exactly.
@@ -130,80 +221,93 @@ impl Generator {
     fn advance_tracks(&mut self) -> FinePose {
         let border = self.segment + 1;
         let mut pose = self.base;
-        for slot in &mut self.tracks {
-            let Some(running) = slot else { continue };
+        for (slot, running) in self.tracks.iter_mut().enumerate() {
+            if self.running >> slot & 1 == 0 {
+                continue;
+            }
             let elapsed = (border - running.start).min(u64::from(u32::MAX)) as u32;
-            let ended = elapsed >= running.track.profile.duration();
-            let contribution = running.track.contribution(elapsed, &mut running.cursor);
-            for (u, c) in pose.0.iter_mut().zip(&contribution) {
-                *u = u.wrapping_add(*c);
+            if elapsed < running.track.profile.duration() {
+                let position = running.track.profile.position(elapsed, &mut running.cursor);
+                running.track.add_to(&mut pose, position);
+                continue;
             }
-            if ended {
-                for (u, c) in self.base.0.iter_mut().zip(&contribution) {
-                    *u = u.wrapping_add(*c);
-                }
-                *slot = None;
+            for ((u, base), end) in pose.0.iter_mut().zip(&mut self.base.0).zip(&running.track.end) {
+                *u = u.wrapping_add(*end);
+                *base = base.wrapping_add(*end);
             }
+            self.running &= !(1 << slot);
         }
         pose
     }
 
+    #[inline(always)]
     fn moving_axes(&self) -> u8 {
-        self.tracks.iter().flatten().fold(0, |mask, running| mask | running.track.axes())
+        let mut mask = 0;
+        for (slot, running) in self.tracks.iter().enumerate() {
+            if self.running >> slot & 1 != 0 {
+                mask |= running.axes;
+            }
+        }
+        mask
     }
 
+    #[inline(never)]
     fn take_orders(&mut self, orders: &mut impl Orders) {
         while let Some(order) = orders.peek() {
             if order.segment.is_some_and(|segment| segment > self.segment) {
                 return;
             }
             let late = order.segment.is_some_and(|segment| segment < self.segment);
-            let order = *order;
-            orders.pop();
-            let accepted = !late && order.aborts == self.aborts && self.apply(&order);
+            let accepted = !late && order.aborts == self.aborts && self.apply(order);
             self.answered = order.sequence;
             self.refused = self.refused << 1 | u32::from(!accepted);
+            orders.pop();
         }
+        self.flags.moving = self.moving_axes();
+        self.look_at_plays();
+        self.steady = 0;
     }
 
     /// Applies an order; false when the state does not allow it.
     fn apply(&mut self, order: &Order) -> bool {
-        let at_rest = self.tracks.iter().all(Option::is_none) && !self.plays.iter().any(Play::is_taking_up);
-        match order.action {
-            Action::Run { slot, track } => match self.tracks.get_mut(usize::from(slot)) {
+        let at_rest = self.running == 0 && !self.motors.iter().any(|motor| motor.play.is_taking_up());
+        match &order.action {
+            Action::Run { slot, track } => match self.tracks.get_mut(usize::from(*slot)) {
                 Some(place) => {
-                    *place = Some(Running { track, start: self.segment, cursor: 0 });
+                    place.track = *track;
+                    (place.start, place.cursor, place.axes) = (self.segment, 0, track.axes());
+                    self.running |= 1 << slot;
                     true
                 }
                 None => false,
             },
-            Action::Play { motor, config } => match self.configs.get_mut(usize::from(motor)) {
-                Some(place) => {
-                    *place = config;
+            Action::Play { motor, config } => match self.motors.get_mut(usize::from(*motor)) {
+                Some(motor) => {
+                    motor.config = *config;
+                    motor.play.disturb();
                     true
                 }
                 None => false,
             },
             _ if !at_rest => false,
             Action::Law(law) => {
-                self.law = law;
+                self.law = *law;
                 self.remembered = Remembered::default();
                 true
             }
             Action::Anchor { pose, steps } => {
-                self.anchor(pose.fine(), steps);
+                self.anchor(pose.fine(), *steps);
                 true
             }
-            Action::Flank { motor, flank } => match self.plays.get_mut(usize::from(motor)) {
-                Some(play) => {
-                    let target = (self.target.0[usize::from(motor)] >> 32) as i32;
-                    *play = Play::resting(target, flank, play.overlay());
+            Action::Flank { motor, flank } => match self.motors.get_mut(usize::from(*motor)) {
+                Some(motor) => {
+                    motor.play = Play::resting((motor.target >> 32) as i32, *flank, motor.play.overlay());
                     true
                 }
                 None => false,
             },
             Action::Pulses(timing) => {
-                self.timing = timing;
+                self.timing = *timing;
                 true
             }
         }
@@ -213,18 +317,20 @@ impl Generator {
     fn anchor(&mut self, pose: FinePose, steps: MotorSteps) {
         self.base = pose;
         let law = self.law.motors(&pose, &mut self.remembered);
-        for i in 0..AXES {
-            let count = i64::from(steps.0[i]);
-            let shift = steps.0[i].wrapping_sub((self.target.0[i] >> 32) as i32);
-            self.plays[i].shift(shift);
-            self.target.0[i] = if law.0[i] >> 32 == count { law.0[i] } else { (count << 32) + HALF };
-            self.motor.0[i] = self.target.0[i] + (i64::from(self.plays[i].overlay()) << 32);
-            self.emitters[i].set_count((self.motor.0[i] >> 32) as i32);
+        for (motor, (law, steps)) in self.motors.iter_mut().zip(law.0.into_iter().zip(steps.0)) {
+            let count = i64::from(steps);
+            motor.play.shift(steps.wrapping_sub((motor.target >> 32) as i32));
+            motor.target = if law >> 32 == count { law } else { (count << 32) + HALF };
+            motor.position = motor.target + (i64::from(motor.play.overlay()) << 32);
+            motor.emitter.set_count((motor.position >> 32) as i32);
         }
+        self.waiting = false;
+        self.flags.moving = 0;
+        self.look_at_plays();
         // what is still to be played is silence: reports and an abort in it speak of the new counts
-        let Generator { target, motor, emitters, plays, .. } = *self;
+        let (motors, flags) = (self.motors.map(|motor| motor.snapshot()), self.flags);
         for start in &mut self.history {
-            *start = Start { segment: start.segment, target, motor, emitters, plays, moving: 0 };
+            *start = Start { segment: start.segment, motors, flags };
         }
     }
 
@@ -232,26 +338,32 @@ impl Generator {
     /// `words` are the words of that segment. The next segment is generated as the one after `segment`.
     pub fn abort(&mut self, segment: u64, tick: usize, words: &Words) {
         let tick = tick.min(SEGMENT_TICKS);
-        let end = self.start_of(segment + 1).map_or((self.target, self.motor), |next| (next.target, next.motor));
+        let ends = match self.start_of(segment + 1) {
+            Some(next) => next.motors.map(|motor| (motor.target, motor.position)),
+            None => self.motors.map(|motor| (motor.target, motor.position)),
+        };
         self.aborts = self.aborts.wrapping_add(1);
-        self.tracks = [None; SLOTS];
+        self.running = 0;
         let Some(start) = self.start_of(segment).copied() else {
             return;
         };
         let at = |from: i64, to: i64| from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64;
         let played = words.get(..tick).unwrap_or(words);
         let (base, resume) = (first_tick(segment), first_tick(segment + 1));
-        for i in 0..AXES {
-            self.emitters[i] = Emitter::after_abort(&start.emitters[i], &self.timing.lines()[i], played, base, resume);
-            let count = self.emitters[i].emitted();
-            let target = at(start.target.0[i], end.0.0[i]) >> 32;
-            let overlay = (at(start.motor.0[i], end.1.0[i]) >> 32) - target;
+        for (i, (motor, start)) in self.motors.iter_mut().zip(&start.motors).enumerate() {
+            motor.emitter = Emitter::after_abort(&start.emitter, &self.timing.lines()[i], played, base, resume);
+            let count = motor.emitter.emitted();
+            let target = at(start.target, ends[i].0) >> 32;
+            let overlay = (at(start.position, ends[i].1) >> 32) - target;
             let steps = i64::from(count) - overlay;
-            self.plays[i] = start.plays[i];
-            self.plays[i].abort(steps as i32, overlay as i32, self.configs[i].dead_band);
-            self.target.0[i] = (steps << 32) + HALF;
-            self.motor.0[i] = (i64::from(count) << 32) + HALF;
+            motor.play.abort(start.side, steps as i32, overlay as i32, motor.config.dead_band);
+            motor.target = (steps << 32) + HALF;
+            motor.position = (i64::from(count) << 32) + HALF;
         }
+        self.waiting = false;
+        self.flags.moving = 0;
+        self.look_at_plays();
+        self.steady = 0;
         self.segment = segment + 1;
         self.busy_until = self.segment;
     }
@@ -263,77 +375,88 @@ impl Generator {
     }
 
     #[inline(always)]
-    fn remember(&mut self, moving: u8) {
-        if let Some(place) = self.history.get_mut((self.segment % HISTORY as u64) as usize) {
-            *place = Start {
-                segment: self.segment,
-                target: self.target,
-                motor: self.motor,
-                emitters: self.emitters,
-                plays: self.plays,
-                moving,
-            };
-        }
-    }
-
     fn report(&self, played: u64) -> Report {
         let mut report = Report {
             next: self.segment,
             played,
             answered: self.answered,
             refused: self.refused,
-            final_steps: self.target.floor(),
             settled: played >= self.busy_until,
             aborts: self.aborts,
-            overlay: self.plays.map(|p| p.overlay()),
             ..Report::default()
         };
-        let plays = match self.start_of(played) {
+        for (i, motor) in self.motors.iter().enumerate() {
+            report.final_steps.0[i] = (motor.target >> 32) as i32;
+            report.overlay[i] = motor.play.overlay();
+        }
+        let flags = match self.start_of(played) {
             Some(start) => {
-                report.counts = counts_of(&start.emitters);
-                report.steps = start.target.floor();
-                report.moving = start.moving;
-                &start.plays
+                for (i, motor) in start.motors.iter().enumerate() {
+                    report.counts.0[i] = motor.emitter.emitted();
+                    report.steps.0[i] = (motor.target >> 32) as i32;
+                }
+                start.flags
             }
             None => {
-                report.counts = counts_of(&self.emitters);
+                report.counts = MotorSteps(self.motors.map(|motor| motor.emitter.emitted()));
                 report.steps = report.final_steps;
-                report.moving = self.moving_axes();
-                &self.plays
+                self.flags
             }
         };
-        for (i, (play, config)) in plays.iter().zip(&self.configs).enumerate() {
-            report.taking_up |= u8::from(play.is_taking_up()) << i;
-            report.negative |= u8::from(play.flank() == Flank::Negative) << i;
-            report.known |= u8::from(play.is_known()) << i;
-            report.owing |= u8::from(play.owes(config)) << i;
-        }
-        report
+        let Flags { moving, taking_up, negative, known, owing } = flags;
+        Report { moving, taking_up, negative, known, owing, ..report }
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests
     /// and telemetry.
     pub fn motor_positions(&self) -> FineSteps {
-        self.motor
+        FineSteps(self.motors.map(|motor| motor.position))
     }
 
     /// The law's unrounded targets, one half included, at the end of what was generated.
     pub fn targets(&self) -> FineSteps {
-        self.target
+        FineSteps(self.motors.map(|motor| motor.target))
     }
 
     /// Counts emitted and steps waiting of a motor at the end of what was generated.
     pub fn emitted(&self, motor: usize) -> (i32, i32) {
-        let emitter = &self.emitters[motor];
+        let emitter = &self.motors[motor].emitter;
         (emitter.emitted(), emitter.waiting())
     }
+}
+
+impl Motor {
+    #[inline(always)]
+    fn snapshot(&self) -> Snapshot {
+        Snapshot { target: self.target, position: self.position, emitter: self.emitter, side: self.play.side() }
+    }
+
+    /// Takes up play on the way to the target. True when reports have something new to say of it.
+    #[inline(always)]
+    fn take_up(&mut self, moving: bool) -> bool {
+        let target = (self.target >> 32) as i32;
+        if self.play.goes_on(target) {
+            self.position = self.target.wrapping_add(i64::from(self.play.overlay()) << 32);
+            return false;
+        }
+        self.position = self.target.wrapping_add(self.play.advance(target, moving, &self.config));
+        true
+    }
+}
+
+/// Places the steps of every motor, on its way from one position to another; true when one waits. A leaf of its own
+/// with slices, lest the compiler unroll the motors and run out of registers.
+#[inline(never)]
+fn place(motors: &mut [Motor], lines: &[Line], ways: &[(i64, i64)], base: u32, words: &mut Words) -> bool {
+    let mut waiting = 0;
+    for ((motor, line), (from, to)) in motors.iter_mut().zip(lines).zip(ways) {
+        motor.emitter.place(line, *from, *to, base, words);
+        waiting |= motor.emitter.waiting();
+    }
+    waiting != 0
 }
 
 /// Tick of the first word of a segment; wraps.
 fn first_tick(segment: u64) -> u32 {
     (segment as u32).wrapping_mul(SEGMENT_TICKS as u32)
-}
-
-fn counts_of(emitters: &[Emitter; AXES]) -> MotorSteps {
-    MotorSteps(emitters.map(|e| e.emitted()))
 }

@@ -1,7 +1,7 @@
 //! A track: one straight line in logical space and the profile that runs along it.
 
 use super::profile::Profile;
-use crate::units::AXES;
+use crate::units::{AXES, FinePose};
 
 /// The path unit of a single-axis track is 2^28 nm or nrad, whatever its length, so that a re-plan never
 /// rescales and a coordinate in Q32 is its path position in Q60.
@@ -33,15 +33,21 @@ impl Track {
     }
 
     /// What the track adds at a path position (Q60).
-    #[inline(always)]
     pub fn at(&self, position: i64) -> [i64; AXES] {
-        let mut sum = self.origin;
-        for (sum, direction) in sum.iter_mut().zip(&self.direction) {
+        let mut sum = FinePose::default();
+        self.add_to(&mut sum, position);
+        sum.0
+    }
+
+    /// Adds to a pose what the track adds at a path position (Q60).
+    #[inline(always)]
+    pub fn add_to(&self, pose: &mut FinePose, position: i64) {
+        for (u, (origin, direction)) in pose.0.iter_mut().zip(self.origin.iter().zip(&self.direction)) {
+            *u = u.wrapping_add(*origin);
             if *direction != 0 {
-                *sum = sum.wrapping_add(scale(*direction, position));
+                *u = u.wrapping_add(scale(*direction, position));
             }
         }
-        sum
     }
 
     /// The axes that the track moves, bit n = axis n.

@@ -19,6 +19,7 @@ mod target {
     use stage_controller::controller::front::Front;
     use stage_controller::controller::generator::Generator;
     use stage_controller::error::Error;
+    use stage_controller::stepgen::pins::RESET_STEPS;
     use stage_controller::stepgen::segment::Words;
     use stage_controller::units::{AXES, MotorSteps, SEGMENT_TICKS, TICKS_PER_SECOND};
     use static_cell::StaticCell;
@@ -75,7 +76,7 @@ mod target {
         played: u64,
         words: &mut Words,
     ) -> Report {
-        generator.refill(orders, played, words)
+        generator.refill_cleared(orders, played, words)
     }
 
     /// Check and plan of a move of all axes from rest.
@@ -99,6 +100,8 @@ mod target {
                 let Some(order) = self.front.next_order() else { break };
                 let _ = self.sender.enqueue(order);
             }
+            // on the board a second DMA stream clears what has been played
+            self.words = [RESET_STEPS; SEGMENT_TICKS];
             let before: [i32; AXES] = core::array::from_fn(|i| self.generator.emitted(i).0);
             let played = self.front.report().next.saturating_sub(RING - 1);
             SCENE.store(scene as u32, Relaxed);
