@@ -11,13 +11,46 @@ pub const HALF: i64 = 1 << 31;
 /// bit for bit (docs/LAW.md 3). `bits` is 31 to 46.
 #[inline(always)]
 pub fn row<const N: usize>(coefficients: &[i32; N], coordinates: &[i64; N], bits: u8) -> i64 {
-    let mut whole = 0i64;
-    let mut part = 0i64;
-    for (c, u) in coefficients.iter().zip(coordinates) {
-        whole = whole.wrapping_add(i64::from(*c) * i64::from((u >> 32) as i32));
-        part += i64::from(*c) * i64::from(*u as u32 >> 16);
+    split_row(coefficients, &coordinates.map(whole), &coordinates.map(part), bits)
+}
+
+/// [`row`] for several motors at once; a leaf of its own, lest the compiler unroll it and run out of registers.
+#[inline(never)]
+pub fn rows(coefficients: &[[i32; 3]], bits: &[u8], coordinates: &[i64; 3], motors: &mut [i64]) {
+    let (wholes, parts) = (coordinates.map(whole), coordinates.map(part));
+    for ((motor, coefficients), bits) in motors.iter_mut().zip(coefficients).zip(bits) {
+        *motor = split_row(coefficients, &wholes, &parts, *bits);
     }
-    let sum = whole.wrapping_add(part >> 16);
-    let fine = if bits >= 32 { sum >> (bits - 32) } else { sum << (32 - bits) };
-    fine.wrapping_add(HALF)
+}
+
+#[inline(always)]
+fn whole(coordinate: i64) -> i32 {
+    (coordinate >> 32) as i32
+}
+
+#[inline(always)]
+fn part(coordinate: i64) -> i32 {
+    (coordinate as u32 >> 16) as i32
+}
+
+#[inline(always)]
+fn split_row<const N: usize>(coefficients: &[i32; N], wholes: &[i32; N], parts: &[i32; N], bits: u8) -> i64 {
+    let dot = |u: &[i32; N]| {
+        let products = coefficients.iter().zip(u).map(|(c, u)| i64::from(*c) * i64::from(*u));
+        products.fold(0i64, i64::wrapping_add)
+    };
+    let sum = dot(wholes).wrapping_add(dot(parts) >> 16);
+    shifted(sum, bits).wrapping_add(HALF)
+}
+
+/// `sum` from Q`bits` times Q32 to Q32. No branch, which would keep the compiler from seeing that factors are 32 bits
+/// wide: a shift left by one, lest 31 bits be an exception, then one right by less than 16 in two words.
+#[inline(always)]
+fn shifted(sum: i64, bits: u8) -> i64 {
+    let by = u32::from(bits.wrapping_sub(31)) & 15;
+    // 65 bits: the sign, and what is left of the sum shifted by one
+    let (sign, high, low) = ((sum >> 63) as u32, (sum >> 31) as u32, (sum as u32) << 1);
+    let low = low >> by | high << 1 << (31 - by);
+    let high = high >> by | sign << 1 << (31 - by);
+    i64::from(high as i32) << 32 | i64::from(low)
 }

@@ -6,9 +6,15 @@
 //! # Accuracy
 //! Better than 1 nm at levers to 60 mm and angles to 5 degrees; rounding noise below 0.02 nm.
 //! Angles are clamped to 7.69 degrees (a sixteenth of a nanoradian in 32 bits).
+//!
+//! # Cost
+//! What a Cortex-M4 multiplies in one instruction: 32 by 32 bits, the whole product added up or its upper half.
 
-/// Fractional bits of positions in here: 2^-20 nm in 64 bits.
+/// Fractional bits of positions that are given: 2^-20 nm in 64 bits.
 const POSITION_BITS: u32 = 20;
+
+/// Fractional bits of a displacement while it is summed: what a sine in Q33 times a sixteenth of a nanometre has.
+const SUM_BITS: u32 = 37;
 
 /// High half of a 32 x 32 bit product (SMMUL).
 #[inline(always)]
@@ -16,10 +22,11 @@ fn mul_high(a: i32, b: i32) -> i32 {
     ((i64::from(a) * i64::from(b)) >> 32) as i32
 }
 
-/// Q32 nrad to 1/16 nrad, clamped.
+/// Q32 nrad to 1/16 nrad, clamped to whole nanoradians of 28 bits.
 #[inline(always)]
 fn sixteenths(angle: i64) -> i32 {
-    (angle >> 28).clamp(-(i32::MAX as i64), i32::MAX as i64) as i32
+    const MOST: i32 = 1 << 27;
+    ((angle >> 32) as i32).clamp(-MOST, MOST - 1) << 4 | (angle as u32 >> 28) as i32
 }
 
 /// sin q in Q33 and 2 sin^2(q/2) in Q35 from q in 1/16 nrad.
@@ -49,29 +56,39 @@ pub struct Screw {
     pub point: [i64; 3],
 }
 
-/// w x r, w in Q30, in the unit of r.
-#[inline(always)]
-fn cross(w: &[i32; 3], r: &[i32; 3]) -> [i32; 3] {
-    let minor =
-        |a: i32, b: i32, c: i32, d: i32| ((i64::from(a) * i64::from(b) - i64::from(c) * i64::from(d)) >> 30) as i32;
-    [minor(w[1], r[2], w[2], r[1]), minor(w[2], r[0], w[0], r[2]), minor(w[0], r[1], w[1], r[0])]
+/// A screw as the refill needs it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Link {
+    /// Which of alpha, beta, gamma (0, 1, 2) turns about it.
+    angle: usize,
+    /// Unit direction in chip axes, Q30.
+    direction: [i32; 3],
+    /// From the line's point to the pivot at home, 1/16 nm.
+    lever: [i32; 3],
 }
 
-impl Screw {
-    /// Turns a point (2^-20 nm) about the line by an angle in 1/16 nrad.
+impl Link {
+    /// Adds to the displacement of the pivot (Q37 nm) what a turn about the line by an angle in 1/16 nrad makes.
     #[inline(never)]
-    fn turn(&self, q: i32, p: &mut [i64; 3]) {
+    fn turn(&self, q: i32, displacement: &mut [i64; 3]) {
         let (sine, versine) = sine_versine(q);
-        let mut lever = [0i32; 3]; // 1/16 nm
-        for (r, (p, c)) in lever.iter_mut().zip(p.iter().zip(&self.point)) {
-            *r = ((p - c) >> (POSITION_BITS - 4)) as i32;
-        }
-        let a = cross(&self.direction, &lever);
-        let b = cross(&self.direction, &a);
-        for (p, (a, b)) in p.iter_mut().zip(a.iter().zip(&b)) {
-            // Q33 * 1/16 nm and Q35 * 1/16 nm, to 2^-20 nm
-            *p += ((i64::from(sine) * i64::from(*a)) >> (33 + 4 - POSITION_BITS))
-                + ((i64::from(versine) * i64::from(*b)) >> (35 + 4 - POSITION_BITS));
+        let [x, y, z] = self.direction;
+        let (u, v, w) = {
+            let [u, v, w] = &self.lever;
+            let [a, b, c] = &*displacement;
+            let at = |home: i32, way: i64| home.wrapping_add((way >> 32) as i32 >> 1); // Q37 to 1/16 nm
+            (at(*u, *a), at(*v, *b), at(*w, *c))
+        };
+        // direction x lever in 1/16 nm
+        let minor =
+            |a: i32, b: i32, c: i32, d: i32| ((i64::from(a) * i64::from(b) - i64::from(c) * i64::from(d)) >> 30) as i32;
+        let (u, v, w) = (minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u));
+        // direction x that in 1/4 nm, which a versine of less than 2^-6 makes small
+        let minor = |a: i32, b: i32, c: i32, d: i32| mul_high(a, b) - mul_high(c, d);
+        let second = [minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u)];
+        for (sum, (first, second)) in displacement.iter_mut().zip([u, v, w].iter().zip(second)) {
+            // Q33 * 1/16 nm and Q35 * 1/4 nm
+            *sum += i64::from(sine) * i64::from(*first) + i64::from(versine) * i64::from(second);
         }
     }
 }
@@ -101,48 +118,81 @@ pub struct Turned {
 }
 
 impl Rotation {
-    /// q_a and c(q_a) of logical angles (nrad in Q32).
-    #[inline(never)]
-    pub fn turn(&self, angles: &[i64; 3]) -> Turned {
-        let actuator = self.actuator_angles(angles);
-        let mut displacement = [0; 3];
-        if self.held {
-            let mut p = self.pivot;
-            for screw in &self.screws {
-                screw.turn(sixteenths(actuator[usize::from(screw.angle) % 3]), &mut p);
+    /// The same for the refill.
+    pub fn prepared(&self) -> Rotary {
+        let link = |screw: &Screw| {
+            let mut lever = [0; 3];
+            for (r, (p, c)) in lever.iter_mut().zip(self.pivot.iter().zip(&screw.point)) {
+                *r = ((p - c) >> (POSITION_BITS - 4)) as i32;
             }
-            for (c, (p, home)) in displacement.iter_mut().zip(p.iter().zip(&self.pivot)) {
-                *c = (p - home) << (32 - POSITION_BITS);
+            Link { angle: usize::from(screw.angle % 3), direction: screw.direction, lever }
+        };
+        let mut rows = [[0; 9]; 3];
+        for (row, (tilt, second)) in rows.iter_mut().zip(self.tilt.iter().zip(&self.second_order)) {
+            for (c, given) in row.iter_mut().zip(tilt.iter().chain(second)) {
+                *c = *given;
             }
         }
-        Turned { actuator, displacement }
+        Rotary { rows, links: [0, 1, 2].map(|i: usize| link(&self.screws[i])), held: self.held }
+    }
+
+    /// q_a and c(q_a) of logical angles (nrad in Q32).
+    pub fn turn(&self, angles: &[i64; 3]) -> Turned {
+        let mut turned = Turned::default();
+        self.prepared().turn(angles, &mut turned);
+        turned
+    }
+}
+
+/// [`Rotation`] in the form in which the refill evaluates it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rotary {
+    /// W^-1 - I and the second-order term, as in [`Rotation`].
+    rows: [[i32; 9]; 3],
+    /// From the tip to the base.
+    links: [Link; 3],
+    held: bool,
+}
+
+impl Rotary {
+    /// q_a and c(q_a) of logical angles (nrad in Q32).
+    #[inline(never)]
+    pub fn turn(&self, angles: &[i64; 3], turned: &mut Turned) {
+        self.actuator_angles(angles, &mut turned.actuator);
+        turned.displacement = [0; 3];
+        if self.held {
+            let q = turned.actuator.map(sixteenths);
+            for link in &self.links {
+                link.turn(q.get(link.angle).copied().unwrap_or(0), &mut turned.displacement);
+            }
+            for c in &mut turned.displacement {
+                *c >>= SUM_BITS - 32;
+            }
+        }
     }
 
     /// q_a = W^-1 a + second-order term.
-    #[inline(always)]
-    fn actuator_angles(&self, angles: &[i64; 3]) -> [i64; 3] {
-        let a = angles.map(sixteenths);
-        let products = [
-            mul_high(a[0], a[0]),
-            mul_high(a[1], a[1]),
-            mul_high(a[2], a[2]),
-            mul_high(a[0], a[1]),
-            mul_high(a[0], a[2]),
-            mul_high(a[1], a[2]),
-        ];
-        let mut actuator = *angles;
-        for (q, (tilt, second)) in actuator.iter_mut().zip(self.tilt.iter().zip(&self.second_order)) {
-            let mut sum = 0i64; // 2^-36 nrad
-            for (t, a) in tilt.iter().zip(&a) {
-                sum += i64::from(*t) * i64::from(*a);
-            }
-            for (s, p) in second.iter().zip(&products) {
-                sum += i64::from(*s) * i64::from(*p);
-            }
-            *q += sum >> 4;
+    #[inline(never)]
+    fn actuator_angles(&self, angles: &[i64; 3], actuator: &mut [i64; 3]) {
+        let [a, b, c] = angles.map(sixteenths);
+        let terms =
+            [a, b, c, mul_high(a, a), mul_high(b, b), mul_high(c, c), mul_high(a, b), mul_high(a, c), mul_high(b, c)];
+        for ((q, angle), row) in actuator.iter_mut().zip(angles).zip(&self.rows) {
+            *q = angle + (dot(row, &terms) >> 4); // from 2^-36 nrad
         }
-        actuator
     }
+
+    /// The second-order term, per radian times 2^60 / 10^9.
+    pub fn second_order(&self) -> impl Iterator<Item = &[i32]> {
+        self.rows.iter().map(|row| &row[3..])
+    }
+}
+
+/// Sum of products. A leaf of its own: there the compiler sees that the factors are 32 bits wide.
+#[inline(never)]
+fn dot(a: &[i32; 9], b: &[i32; 9]) -> i64 {
+    let products = a.iter().zip(b).map(|(a, b)| i64::from(*a) * i64::from(*b));
+    products.fold(0, i64::wrapping_add)
 }
 
 /// 1/16 nm to the unit of positions in here.

@@ -32,7 +32,7 @@ struct Running {
 }
 
 /// One motor at the end of what was generated.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Motor {
     /// Law's target, half added.
     target: i64,
@@ -41,6 +41,7 @@ struct Motor {
     emitter: Emitter,
     play: Play,
     config: PlayConfig,
+    line: Line,
 }
 
 /// A motor at the start of a segment: what a roll-back needs.
@@ -78,6 +79,8 @@ pub struct Generator {
     tracks: [Running; SLOTS],
     /// Bit n: slot n has a track.
     running: u8,
+    /// Axes that the tracks move, bit n = axis n.
+    moving: u8,
     motors: [Motor; AXES],
     /// A step waits.
     waiting: bool,
@@ -97,14 +100,22 @@ pub struct Generator {
 impl Generator {
     /// At rest at pose zero, counts zero, flanks unknown.
     pub fn new(law: Law, timing: Timing) -> Self {
-        let motor = Motor { target: HALF, position: HALF, ..Motor::default() };
+        let motor = |line: Line| Motor {
+            target: HALF,
+            position: HALF,
+            emitter: Emitter::default(),
+            play: Play::default(),
+            config: PlayConfig::default(),
+            line,
+        };
         let mut generator = Generator {
             law,
             remembered: Remembered::default(),
             base: FinePose::default(),
             tracks: [Running::default(); SLOTS],
             running: 0,
-            motors: [motor; AXES],
+            moving: 0,
+            motors: timing.lines().map(motor),
             waiting: false,
             flags: Flags::default(),
             timing,
@@ -144,8 +155,8 @@ impl Generator {
             if self.segment > self.busy_until + 2 {
                 self.motors.iter_mut().for_each(|motor| motor.emitter.rested(first_tick(self.segment)));
             }
-            let targets = if moving { Some(self.next_targets()) } else { None };
-            self.follow(targets, words);
+            let targets = if moving { self.next_targets() } else { self.targets() };
+            self.follow(&targets, moving, words);
             self.busy_until = self.segment + 1;
             self.steady = 0;
         } else {
@@ -162,30 +173,25 @@ impl Generator {
         self.law.motors(&pose, &mut self.remembered)
     }
 
-    /// One segment of motion: remembers every motor, takes up its play and places its steps. Without `targets`
-    /// only the overlay moves.
+    /// One segment of motion: remembers every motor, takes up its play and places its steps. Unless `moving` only
+    /// the overlays move.
     #[inline(always)]
-    fn follow(&mut self, targets: Option<FineSteps>, words: &mut Words) {
+    fn follow(&mut self, targets: &FineSteps, moving: bool, words: &mut Words) {
         let base = first_tick(self.segment);
         let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
         start.segment = self.segment;
         start.flags = self.flags;
-        let moving = targets.is_some();
-        let mut ways = [(0, 0); AXES];
-        let mut news = false;
-        let pairs = self.motors.iter_mut().zip(&mut start.motors);
-        for (i, (motor, snapshot)) in pairs.enumerate() {
-            *snapshot = motor.snapshot();
-            if let Some(targets) = &targets {
-                motor.target = targets.0[i];
-            }
-            news |= motor.take_up(moving);
-            ways[i] = (snapshot.position, motor.position);
+        let (motors, starts) = (&mut self.motors, &mut start.motors);
+        let news = if self.timing.grid() == 1 {
+            follow_all::<true>(motors, starts, &targets.0, moving, base, words)
+        } else {
+            follow_all::<false>(motors, starts, &targets.0, moving, base, words)
+        };
+        if moving {
+            self.flags.moving = self.moving;
         }
-        self.waiting = place(&mut self.motors, self.timing.lines(), &ways, base, words);
-        self.flags.moving = self.moving_axes();
         if news {
-            self.look_at_plays();
+            self.look_at_motors();
         }
     }
 
@@ -203,11 +209,13 @@ impl Generator {
         }
     }
 
-    /// What reports say of the plays, after something has happened to one.
+    /// What reports say of the motors and what waits, after something has happened to one.
     #[inline(never)]
-    fn look_at_plays(&mut self) {
-        let mut flags = Flags { moving: self.flags.moving, ..Flags::default() };
-        for (i, Motor { play, config, .. }) in self.motors.iter().enumerate() {
+    fn look_at_motors(&mut self) {
+        let mut flags = Flags { moving: self.moving, ..Flags::default() };
+        self.waiting = false;
+        for (i, Motor { play, config, emitter, .. }) in self.motors.iter().enumerate() {
+            self.waiting |= emitter.waiting() != 0;
             flags.taking_up |= u8::from(play.is_taking_up()) << i;
             flags.negative |= u8::from(play.flank() == Flank::Negative) << i;
             flags.known |= u8::from(play.is_known()) << i;
@@ -221,34 +229,40 @@ impl Generator {
     fn advance_tracks(&mut self) -> FinePose {
         let border = self.segment + 1;
         let mut pose = self.base;
-        for (slot, running) in self.tracks.iter_mut().enumerate() {
-            if self.running >> slot & 1 == 0 {
-                continue;
-            }
+        let mut left = self.running;
+        while left != 0 {
+            let slot = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let Some(running) = self.tracks.get_mut(slot) else { break };
             let elapsed = (border - running.start).min(u64::from(u32::MAX)) as u32;
             if elapsed < running.track.profile.duration() {
                 let position = running.track.profile.position(elapsed, &mut running.cursor);
                 running.track.add_to(&mut pose, position);
-                continue;
+            } else {
+                self.end(slot, &mut pose);
             }
-            for ((u, base), end) in pose.0.iter_mut().zip(&mut self.base.0).zip(&running.track.end) {
-                *u = u.wrapping_add(*end);
-                *base = base.wrapping_add(*end);
-            }
-            self.running &= !(1 << slot);
         }
         pose
     }
 
-    #[inline(always)]
-    fn moving_axes(&self) -> u8 {
-        let mut mask = 0;
-        for (slot, running) in self.tracks.iter().enumerate() {
-            if self.running >> slot & 1 != 0 {
-                mask |= running.axes;
+    /// A track has come to its end, which goes into the base.
+    #[cold]
+    #[inline(never)]
+    fn end(&mut self, slot: usize, pose: &mut FinePose) {
+        if let Some(Running { track, .. }) = self.tracks.get(slot) {
+            for ((u, base), end) in pose.0.iter_mut().zip(&mut self.base.0).zip(&track.end) {
+                *u = u.wrapping_add(*end);
+                *base = base.wrapping_add(*end);
             }
         }
-        mask
+        self.running &= !(1 << slot);
+        self.look_at_tracks();
+    }
+
+    /// Which axes move.
+    fn look_at_tracks(&mut self) {
+        let runs = |slot: &usize| self.running >> slot & 1 != 0;
+        self.moving = (0..SLOTS).filter(runs).fold(0, |mask, slot| mask | self.tracks[slot].axes);
     }
 
     #[inline(never)]
@@ -263,8 +277,8 @@ impl Generator {
             self.refused = self.refused << 1 | u32::from(!accepted);
             orders.pop();
         }
-        self.flags.moving = self.moving_axes();
-        self.look_at_plays();
+        self.look_at_tracks();
+        self.look_at_motors();
         self.steady = 0;
     }
 
@@ -308,6 +322,10 @@ impl Generator {
             },
             Action::Pulses(timing) => {
                 self.timing = *timing;
+                for (motor, line) in self.motors.iter_mut().zip(timing.lines()) {
+                    motor.line = *line;
+                    motor.emitter.disturb();
+                }
                 true
             }
         }
@@ -324,9 +342,8 @@ impl Generator {
             motor.position = motor.target + (i64::from(motor.play.overlay()) << 32);
             motor.emitter.set_count((motor.position >> 32) as i32);
         }
-        self.waiting = false;
-        self.flags.moving = 0;
-        self.look_at_plays();
+        self.moving = 0;
+        self.look_at_motors();
         // what is still to be played is silence: reports and an abort in it speak of the new counts
         let (motors, flags) = (self.motors.map(|motor| motor.snapshot()), self.flags);
         for start in &mut self.history {
@@ -351,7 +368,7 @@ impl Generator {
         let played = words.get(..tick).unwrap_or(words);
         let (base, resume) = (first_tick(segment), first_tick(segment + 1));
         for (i, (motor, start)) in self.motors.iter_mut().zip(&start.motors).enumerate() {
-            motor.emitter = Emitter::after_abort(&start.emitter, &self.timing.lines()[i], played, base, resume);
+            motor.emitter = Emitter::after_abort(&start.emitter, &motor.line, played, base, resume);
             let count = motor.emitter.emitted();
             let target = at(start.target, ends[i].0) >> 32;
             let overlay = (at(start.position, ends[i].1) >> 32) - target;
@@ -360,9 +377,8 @@ impl Generator {
             motor.target = (steps << 32) + HALF;
             motor.position = (i64::from(count) << 32) + HALF;
         }
-        self.waiting = false;
-        self.flags.moving = 0;
-        self.look_at_plays();
+        self.moving = 0;
+        self.look_at_motors();
         self.steady = 0;
         self.segment = segment + 1;
         self.busy_until = self.segment;
@@ -431,29 +447,43 @@ impl Motor {
         Snapshot { target: self.target, position: self.position, emitter: self.emitter, side: self.play.side() }
     }
 
-    /// Takes up play on the way to the target. True when reports have something new to say of it.
+    /// The overlay at the target, Q32; true when reports may have something new to say of it.
     #[inline(always)]
-    fn take_up(&mut self, moving: bool) -> bool {
+    fn take_up(&mut self, moving: bool) -> (i64, bool) {
         let target = (self.target >> 32) as i32;
         if self.play.goes_on(target) {
-            self.position = self.target.wrapping_add(i64::from(self.play.overlay()) << 32);
-            return false;
+            return (i64::from(self.play.overlay()) << 32, false);
         }
-        self.position = self.target.wrapping_add(self.play.advance(target, moving, &self.config));
-        true
+        (self.play.advance(target, moving, &self.config), true)
     }
 }
 
-/// Places the steps of every motor, on its way from one position to another; true when one waits. A leaf of its own
-/// with slices, lest the compiler unroll the motors and run out of registers.
+/// One segment of every motor to new targets: true where a play or an emitter has news. A leaf of its own with
+/// slices, lest the compiler unroll the motors and run out of registers. `UNIT`: the grid is one tick.
 #[inline(never)]
-fn place(motors: &mut [Motor], lines: &[Line], ways: &[(i64, i64)], base: u32, words: &mut Words) -> bool {
-    let mut waiting = 0;
-    for ((motor, line), (from, to)) in motors.iter_mut().zip(lines).zip(ways) {
-        motor.emitter.place(line, *from, *to, base, words);
-        waiting |= motor.emitter.waiting();
+fn follow_all<const UNIT: bool>(
+    motors: &mut [Motor],
+    snapshots: &mut [Snapshot],
+    targets: &[i64],
+    moving: bool,
+    base: u32,
+    words: &mut Words,
+) -> bool {
+    let mut any = false;
+    for ((motor, snapshot), target) in motors.iter_mut().zip(snapshots).zip(targets) {
+        *snapshot = motor.snapshot();
+        motor.target = *target;
+        let from = motor.position;
+        let (overlay, news) = motor.take_up(moving);
+        if news {
+            any = true;
+        }
+        motor.position = target.wrapping_add(overlay);
+        if motor.emitter.place::<UNIT>(&motor.line, from, motor.position, base, words) {
+            any = true;
+        }
     }
-    waiting != 0
+    any
 }
 
 /// Tick of the first word of a segment; wraps.
