@@ -85,6 +85,29 @@ struct TakeUp {
     elapsed: u32,
     /// A quarter of its duration; 0 = none on its way.
     quarter: u32,
+    /// 2^62 / quarter, and a twelfth of that times 16.
+    inverse: [u64; 2],
+}
+
+impl TakeUp {
+    /// Begins; the divisions are made here, once.
+    #[cold]
+    #[inline(never)]
+    fn begin(from: i32, to: i32, quarter: u32) -> Self {
+        let quarter = quarter.max(1);
+        let inverse = (1u64 << 62) / u64::from(quarter);
+        TakeUp { from, to, elapsed: 0, quarter, inverse: [inverse, inverse / 3 * 4] }
+    }
+
+    /// 16/3 (n/T)^3 in Q40, T being four quarters and n at most one: x^3 / 12 with x = n / quarter.
+    #[inline(always)]
+    fn third(&self, n: u32) -> i64 {
+        let [inverse, twelfth] = self.inverse;
+        let x = u64::from(n).wrapping_mul(inverse) >> 32; // Q30
+        let y = u64::from(n).wrapping_mul(twelfth) >> 32; // x / 12 in Q34
+        let square = (x as u32 as u64 * x as u32 as u64) >> 29; // Q31
+        ((square as u32 as u64 * y as u32 as u64) >> 25) as i64
+    }
 }
 
 /// On which side of the play a motor is, and since where: what the reversal rule remembers.
@@ -212,7 +235,7 @@ impl Play {
             if !moving || self.calm {
                 return i64::from(self.overlay) << 32;
             }
-            self.take_up = TakeUp { from: self.overlay, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
+            self.take_up = TakeUp::begin(self.overlay, wanted, config.quarter);
         }
         self.continue_take_up(config)
     }
@@ -230,23 +253,19 @@ impl Play {
             // the motor turned again meanwhile: the next one follows at once, even if the move is over
             let wanted = self.wanted(config);
             if wanted != to {
-                self.take_up = TakeUp { from: to, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
+                self.take_up = TakeUp::begin(to, wanted, config.quarter);
             }
             return i64::from(to) << 32;
         }
         let mirrored = n > 2 * quarter;
         let n = if mirrored { duration - n } else { n };
-        let third = |n: u32| {
-            // 16/3 (n/T)^3 in Q40 with T = 4 quarters: n^3 / (12 quarter^3)
-            let x = (u64::from(n) << 30) / u64::from(quarter); // Q30, at most 1
-            let cube = (((x * x) >> 30) * x) >> 20; // Q40
-            (cube / 12) as i64
-        };
         let sigma = if n <= quarter {
-            third(n)
+            self.take_up.third(n)
         } else {
-            let y = 2 * quarter - n;
-            (1 << 39) - ((i64::from(y) << 40) / i64::from(2 * quarter)) + third(y)
+            // 1/2 - 2 y + 16/3 y^3 with y = m / (4 quarter)
+            let m = 2 * quarter - n;
+            let twice = u64::from(m).wrapping_mul(self.take_up.inverse[0]) >> 23; // m / (2 quarter) in Q40
+            (1 << 39) - twice as i64 + self.take_up.third(m)
         };
         let sigma = if mirrored { (1 << 40) - sigma } else { sigma };
         let way = i64::from(to) - i64::from(from);

@@ -43,14 +43,11 @@ fn split_row<const N: usize>(coefficients: &[i32; N], wholes: &[i32; N], parts: 
     shifted(sum, bits).wrapping_add(HALF)
 }
 
-/// `sum` from Q`bits` times Q32 to Q32. No branch, which would keep the compiler from seeing that factors are 32 bits
-/// wide: a shift left by one, lest 31 bits be an exception, then one right by less than 16 in two words.
+/// `sum` from Q`bits` times Q32 to Q29 and from there to Q32: a shift by a variable, as two products. What it drops is
+/// below the half that is added, so that the floor stays exact.
 #[inline(always)]
 fn shifted(sum: i64, bits: u8) -> i64 {
-    let by = u32::from(bits.wrapping_sub(31)) & 15;
-    // 65 bits: the sign, and what is left of the sum shifted by one
-    let (sign, high, low) = ((sum >> 63) as u32, (sum >> 31) as u32, (sum as u32) << 1);
-    let low = low >> by | high << 1 << (31 - by);
-    let high = high >> by | sign << 1 << (31 - by);
-    i64::from(high as i32) << 32 | i64::from(low)
+    let factor = 1i32 << (61u32.wrapping_sub(bits.into()) & 31);
+    let low = (u64::from(sum as u32) * u64::from(factor as u32)) >> 32;
+    (low as i64).wrapping_add(i64::from((sum >> 32) as i32) * i64::from(factor)) << 3
 }

@@ -105,7 +105,8 @@ impl Law {
     pub fn motors(&self, pose: &FinePose, last: &mut Remembered) -> FineSteps {
         let u = &pose.0;
         let angles = [u[3], u[4], u[5]];
-        if !last.valid || angles != last.angles {
+        let change = |(a, b): (&i64, &i64)| a ^ b;
+        if !last.valid || angles.iter().zip(&last.angles).map(change).fold(0, |all, one| all | one) != 0 {
             last.angles = angles;
             last.valid = true;
             self.rotation.turn(&angles, &mut last.turned);
@@ -178,9 +179,10 @@ impl Law {
 
     /// Bound on what the second-order term adds to the slope of q_a, per radian in Q32.
     pub fn second_order_bound(&self) -> u64 {
-        let row = |r: &[i32]| r.iter().map(|c| u64::from(c.unsigned_abs())).sum::<u64>();
+        let row =
+            |i: usize| self.rotation.second_order().iter().map(|column| u64::from(column[i].unsigned_abs())).sum();
         // c is per radian times 2^60 / 10^9; 2 q q' doubles it
-        (self.rotation.second_order().map(row).max().unwrap_or(0) * 2 * (1_000_000_000 >> 9)) >> 19
+        ([0, 1, 2].map(row).into_iter().max().unwrap_or(0) * 2 * (1_000_000_000 >> 9)) >> 19
     }
 }
 

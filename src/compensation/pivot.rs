@@ -68,28 +68,35 @@ struct Link {
 }
 
 impl Link {
+    /// direction x lever in 1/16 nm, and direction x that in 1/4 nm, which a versine of less than 2^-6 makes small.
+    #[inline(always)]
+    fn arms(&self, [u, v, w]: [i32; 3]) -> [[i32; 3]; 2] {
+        let [x, y, z] = self.direction;
+        let minor =
+            |a: i32, b: i32, c: i32, d: i32| ((i64::from(a) * i64::from(b) - i64::from(c) * i64::from(d)) >> 30) as i32;
+        let first @ [u, v, w] = [minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u)];
+        let minor = |a: i32, b: i32, c: i32, d: i32| mul_high(a, b) - mul_high(c, d);
+        [first, [minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u)]]
+    }
+
     /// Adds to the displacement of the pivot (Q37 nm) what a turn about the line by an angle in 1/16 nrad makes.
     #[inline(never)]
     fn turn(&self, q: i32, displacement: &mut [i64; 3]) {
-        let (sine, versine) = sine_versine(q);
-        let [x, y, z] = self.direction;
-        let (u, v, w) = {
-            let [u, v, w] = &self.lever;
-            let [a, b, c] = &*displacement;
-            let at = |home: i32, way: i64| home.wrapping_add((way >> 32) as i32 >> 1); // Q37 to 1/16 nm
-            (at(*u, *a), at(*v, *b), at(*w, *c))
-        };
-        // direction x lever in 1/16 nm
-        let minor =
-            |a: i32, b: i32, c: i32, d: i32| ((i64::from(a) * i64::from(b) - i64::from(c) * i64::from(d)) >> 30) as i32;
-        let (u, v, w) = (minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u));
-        // direction x that in 1/4 nm, which a versine of less than 2^-6 makes small
-        let minor = |a: i32, b: i32, c: i32, d: i32| mul_high(a, b) - mul_high(c, d);
-        let second = [minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u)];
-        for (sum, (first, second)) in displacement.iter_mut().zip([u, v, w].iter().zip(second)) {
-            // Q33 * 1/16 nm and Q35 * 1/4 nm
-            *sum += i64::from(sine) * i64::from(*first) + i64::from(versine) * i64::from(second);
+        let mut lever = self.lever;
+        for (r, way) in lever.iter_mut().zip(&*displacement) {
+            *r = r.wrapping_add((way >> 32) as i32 >> 1); // Q37 to 1/16 nm
         }
+        swing(q, &self.arms(lever), displacement);
+    }
+}
+
+/// Adds what a turn by an angle in 1/16 nrad makes of the [arms](Link::arms).
+#[inline(always)]
+fn swing(q: i32, [first, second]: &[[i32; 3]; 2], displacement: &mut [i64; 3]) {
+    let (sine, versine) = sine_versine(q);
+    for (sum, (first, second)) in displacement.iter_mut().zip(first.iter().zip(second)) {
+        // Q33 * 1/16 nm and Q35 * 1/4 nm
+        *sum += i64::from(sine) * i64::from(*first) + i64::from(versine) * i64::from(*second);
     }
 }
 
@@ -127,13 +134,15 @@ impl Rotation {
             }
             Link { angle: usize::from(screw.angle % 3), direction: screw.direction, lever }
         };
-        let mut rows = [[0; 9]; 3];
-        for (row, (tilt, second)) in rows.iter_mut().zip(self.tilt.iter().zip(&self.second_order)) {
-            for (c, given) in row.iter_mut().zip(tilt.iter().chain(second)) {
-                *c = *given;
+        let mut columns = [[0; 3]; 9];
+        for (row, (tilt, second)) in self.tilt.iter().zip(&self.second_order).enumerate() {
+            for (k, (column, given)) in columns.iter_mut().zip(tilt.iter().chain(second)).enumerate() {
+                // the squares are taken negative
+                column[row] = if (3..6).contains(&k) { -given } else { *given };
             }
         }
-        Rotary { rows, links: [0, 1, 2].map(|i: usize| link(&self.screws[i])), held: self.held }
+        let [tip, links @ ..] = [0, 1, 2].map(|i: usize| link(&self.screws[i]));
+        Rotary { columns, tip: tip.angle, arms: tip.arms(tip.lever), links, held: self.held }
     }
 
     /// q_a and c(q_a) of logical angles (nrad in Q32).
@@ -147,10 +156,13 @@ impl Rotation {
 /// [`Rotation`] in the form in which the refill evaluates it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rotary {
-    /// W^-1 - I and the second-order term, as in [`Rotation`].
-    rows: [[i32; 9]; 3],
-    /// From the tip to the base.
-    links: [Link; 3],
+    /// W^-1 - I and the second-order term, as in [`Rotation`], by columns; those of the squares negative.
+    columns: [[i32; 3]; 9],
+    /// The angle about the axis next to the tip, and what it swings: no other turn changes that.
+    tip: usize,
+    arms: [[i32; 3]; 2],
+    /// The other two, to the base.
+    links: [Link; 2],
     held: bool,
 }
 
@@ -159,40 +171,51 @@ impl Rotary {
     #[inline(never)]
     pub fn turn(&self, angles: &[i64; 3], turned: &mut Turned) {
         self.actuator_angles(angles, &mut turned.actuator);
-        turned.displacement = [0; 3];
+        let mut displacement = [0; 3];
         if self.held {
             let q = turned.actuator.map(sixteenths);
+            let angle = |which: usize| q.get(which).copied().unwrap_or(0);
+            swing(angle(self.tip), &self.arms, &mut displacement);
             for link in &self.links {
-                link.turn(q.get(link.angle).copied().unwrap_or(0), &mut turned.displacement);
-            }
-            for c in &mut turned.displacement {
-                *c >>= SUM_BITS - 32;
+                link.turn(angle(link.angle), &mut displacement);
             }
         }
+        turned.displacement = displacement.map(|c| c >> (SUM_BITS - 32));
     }
 
     /// q_a = W^-1 a + second-order term.
     #[inline(never)]
     fn actuator_angles(&self, angles: &[i64; 3], actuator: &mut [i64; 3]) {
         let [a, b, c] = angles.map(sixteenths);
-        let terms =
-            [a, b, c, mul_high(a, a), mul_high(b, b), mul_high(c, c), mul_high(a, b), mul_high(a, c), mul_high(b, c)];
-        for ((q, angle), row) in actuator.iter_mut().zip(angles).zip(&self.rows) {
-            *q = angle + (dot(row, &terms) >> 4); // from 2^-36 nrad
+        // A square taken negative is not known to be positive: the compiler would make it unsigned, and its product
+        // with a signed number two instructions longer.
+        let negative_square = |x: i32| mul_high(x, x.wrapping_neg());
+        let terms = [
+            a,
+            b,
+            c,
+            negative_square(a),
+            negative_square(b),
+            negative_square(c),
+            mul_high(a, b),
+            mul_high(a, c),
+            mul_high(b, c),
+        ];
+        let mut sums = [0i64; 3]; // 2^-36 nrad
+        for (term, column) in terms.iter().zip(&self.columns) {
+            for (sum, factor) in sums.iter_mut().zip(column) {
+                *sum += i64::from(*factor) * i64::from(*term);
+            }
+        }
+        for ((q, angle), sum) in actuator.iter_mut().zip(angles).zip(sums) {
+            *q = angle + (sum >> 4);
         }
     }
 
-    /// The second-order term, per radian times 2^60 / 10^9.
-    pub fn second_order(&self) -> impl Iterator<Item = &[i32]> {
-        self.rows.iter().map(|row| &row[3..])
+    /// The second-order term by its six products, per radian times 2^60 / 10^9 but for signs.
+    pub fn second_order(&self) -> &[[i32; 3]] {
+        &self.columns[3..]
     }
-}
-
-/// Sum of products. A leaf of its own: there the compiler sees that the factors are 32 bits wide.
-#[inline(never)]
-fn dot(a: &[i32; 9], b: &[i32; 9]) -> i64 {
-    let products = a.iter().zip(b).map(|(a, b)| i64::from(*a) * i64::from(*b));
-    products.fold(0, i64::wrapping_add)
 }
 
 /// 1/16 nm to the unit of positions in here.

@@ -392,35 +392,43 @@ impl Generator {
 
     #[inline(always)]
     fn report(&self, played: u64) -> Report {
-        let mut report = Report {
-            next: self.segment,
-            played,
-            answered: self.answered,
-            refused: self.refused,
-            settled: played >= self.busy_until,
-            aborts: self.aborts,
-            ..Report::default()
-        };
+        let (mut counts, mut steps) = (MotorSteps::default(), MotorSteps::default());
+        let (mut final_steps, mut overlay) = (MotorSteps::default(), [0; AXES]);
         for (i, motor) in self.motors.iter().enumerate() {
-            report.final_steps.0[i] = (motor.target >> 32) as i32;
-            report.overlay[i] = motor.play.overlay();
+            final_steps.0[i] = (motor.target >> 32) as i32;
+            overlay[i] = motor.play.overlay();
         }
         let flags = match self.start_of(played) {
             Some(start) => {
                 for (i, motor) in start.motors.iter().enumerate() {
-                    report.counts.0[i] = motor.emitter.emitted();
-                    report.steps.0[i] = (motor.target >> 32) as i32;
+                    counts.0[i] = motor.emitter.emitted();
+                    steps.0[i] = (motor.target >> 32) as i32;
                 }
                 start.flags
             }
             None => {
-                report.counts = MotorSteps(self.motors.map(|motor| motor.emitter.emitted()));
-                report.steps = report.final_steps;
+                counts = MotorSteps(self.motors.map(|motor| motor.emitter.emitted()));
+                steps = final_steps;
                 self.flags
             }
         };
-        let Flags { moving, taking_up, negative, known, owing } = flags;
-        Report { moving, taking_up, negative, known, owing, ..report }
+        Report {
+            next: self.segment,
+            played,
+            answered: self.answered,
+            refused: self.refused,
+            counts,
+            steps,
+            final_steps,
+            moving: flags.moving,
+            taking_up: flags.taking_up,
+            negative: flags.negative,
+            known: flags.known,
+            owing: flags.owing,
+            overlay,
+            settled: played >= self.busy_until,
+            aborts: self.aborts,
+        }
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests

@@ -146,7 +146,7 @@ impl Bounds {
     /// A motor goes `way` (Q32 steps) over a stretch of the path.
     fn raise_slope(&mut self, law: &Law, i: usize, way: u64, stretch: i64, turns: bool) {
         // the law's rounding: units in the last place where it is straight, a sixteenth nm or nrad where it turns
-        let noise = if turns { (1u128 << 60) / u128::from(law.step_q32(i).max(1)) } else { 2 };
+        let noise = if turns { (1u128 << 60) / u128::from(law.step_q32(i).max(1)) } else { 128 };
         if !turns && u128::from(way) <= noise {
             return;
         }

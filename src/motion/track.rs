@@ -58,12 +58,13 @@ impl Track {
     }
 }
 
-/// `length` (Q32) times `position` (Q60) in Q32, low to 8 units in the last place for lengths to 2^30: three products
-/// of signed 32-bit numbers, the lower halves cut to 31 bits.
+/// `length` (Q32) times `position` (Q60) in Q32, low to 64 units in the last place for lengths to 2^30: three products
+/// of signed 32-bit numbers, the lower halves cut to 31 bits. The shift comes last, lest the compiler put it into a
+/// factor, which would then need more than 32 bits.
 #[inline(always)]
 pub fn scale(length: i64, position: i64) -> i64 {
     let (lh, ll) = ((length >> 32) as i32, (length as u32 >> 1) as i32);
     let (ph, pl) = ((position >> 32) as i32, (position as u32 >> 1) as i32);
     let mixed = i64::from(lh) * i64::from(pl) + i64::from(ll) * i64::from(ph);
-    ((i64::from(lh) * i64::from(ph)) << 4).wrapping_add(mixed >> 27)
+    (i64::from(lh) * i64::from(ph)).wrapping_add(mixed >> 31) << 4
 }
