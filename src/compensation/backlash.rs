@@ -75,15 +75,14 @@ impl PlayConfig {
     }
 }
 
-/// A take-up on its way.
+/// A take-up on its way; kept apart from the [`Play`], which a roll-back needs while it does not need this.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct TakeUp {
+pub struct TakeUp {
     from: i32,
-    /// Equal to `from`: none on its way.
     to: i32,
     /// Segments since it began.
     elapsed: u32,
-    /// A quarter of its duration; 0 = none on its way.
+    /// A quarter of its duration.
     quarter: u32,
     /// 2^62 / quarter, and a twelfth of that times 16.
     inverse: [u64; 2],
@@ -99,6 +98,32 @@ impl TakeUp {
         TakeUp { from, to, elapsed: 0, quarter, inverse: [inverse, inverse / 3 * 4] }
     }
 
+    /// Four phases of constant jerk, each a quarter: sigma = 16/3 x^3, then 1/2 - 2 y + 16/3 y^3 with y = 1/2 - x,
+    /// and the mirror image. Peaks for a width b and duration T: 2 b/T, 8 b/T^2, 32 b/T^3. None at the end.
+    #[inline(always)]
+    fn advance(&mut self) -> Option<i64> {
+        let TakeUp { from, to, quarter, inverse, .. } = *self;
+        self.elapsed += 1;
+        let n = self.elapsed;
+        let duration = 4 * quarter;
+        if n >= duration {
+            return None;
+        }
+        let mirrored = n > 2 * quarter;
+        let n = if mirrored { duration - n } else { n };
+        let sigma = if n <= quarter {
+            self.third(n)
+        } else {
+            // 1/2 - 2 y + 16/3 y^3 with y = m / (4 quarter)
+            let m = 2 * quarter - n;
+            let twice = u64::from(m).wrapping_mul(inverse[0]) >> 23; // m / (2 quarter) in Q40
+            (1 << 39) - twice as i64 + self.third(m)
+        };
+        let sigma = if mirrored { (1 << 40) - sigma } else { sigma };
+        let way = i64::from(to) - i64::from(from);
+        Some((i64::from(from) << 32) + ((way * sigma) >> 8))
+    }
+
     /// 16/3 (n/T)^3 in Q40, T being four quarters and n at most one: x^3 / 12 with x = n / quarter.
     #[inline(always)]
     fn third(&self, n: u32) -> i64 {
@@ -112,7 +137,7 @@ impl TakeUp {
 
 /// On which side of the play a motor is, and since where: what the reversal rule remembers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Side {
+struct Side {
     /// Farthest whole-step target reached on this flank.
     extreme: i32,
     flank: Flank,
@@ -124,11 +149,11 @@ pub struct Side {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Play {
     side: Side,
-    /// No take-up is on its way, and the overlay is the wanted one as long as the motor does not turn.
-    calm: bool,
     /// Overlay at rest, whole steps.
     overlay: i32,
-    take_up: TakeUp,
+    /// No take-up is on its way, and the overlay is the wanted one as long as the motor does not turn.
+    calm: bool,
+    taking_up: bool,
 }
 
 impl Side {
@@ -144,21 +169,15 @@ impl Play {
     pub fn resting(target: i32, flank: Option<Flank>, overlay: i32) -> Self {
         Play {
             side: Side { extreme: target, flank: flank.unwrap_or_default(), known: flank.is_some() },
-            calm: false,
             overlay,
-            take_up: TakeUp::default(),
+            calm: false,
+            taking_up: false,
         }
     }
 
     /// The flank as tracked.
     pub fn flank(&self) -> Flank {
         self.side.flank
-    }
-
-    /// What the reversal rule remembers.
-    #[inline(always)]
-    pub fn side(&self) -> Side {
-        self.side
     }
 
     /// True once homed or preloaded.
@@ -168,7 +187,7 @@ impl Play {
 
     /// True while a take-up is on its way.
     pub fn is_taking_up(&self) -> bool {
-        self.take_up.quarter != 0
+        self.taking_up
     }
 
     /// True when a take-up would begin with the next move.
@@ -224,59 +243,42 @@ impl Play {
         self.calm = false;
     }
 
-    /// One segment that ends at `target` (whole steps): returns the overlay there in Q32 steps.
+    /// One segment that ends at `target` (whole steps): returns the overlay there in Q32 steps, and whether anything
+    /// else than the overlay of a take-up on its way has changed.
     /// `moving`: a move is under way, so that a take-up may begin.
     #[inline(never)]
-    pub fn advance(&mut self, target: i32, moving: bool, config: &PlayConfig) -> i64 {
-        self.turn(target, config.dead_band);
-        if self.take_up.quarter == 0 {
+    pub fn advance(&mut self, take_up: &mut TakeUp, target: i32, moving: bool, config: &PlayConfig) -> (i64, bool) {
+        let mut news = self.turn(target, config.dead_band);
+        if !self.taking_up {
             let wanted = self.wanted(config);
             self.calm = self.overlay == wanted;
             if !moving || self.calm {
-                return i64::from(self.overlay) << 32;
+                return (i64::from(self.overlay) << 32, true);
             }
-            self.take_up = TakeUp::begin(self.overlay, wanted, config.quarter);
+            *take_up = TakeUp::begin(self.overlay, wanted, config.quarter);
+            self.taking_up = true;
+            news = true;
         }
-        self.continue_take_up(config)
+        if let Some(overlay) = take_up.advance() {
+            return (overlay, news);
+        }
+        self.overlay = take_up.to;
+        // the motor turned again meanwhile: the next one follows at once, even if the move is over
+        let wanted = self.wanted(config);
+        self.taking_up = wanted != self.overlay;
+        if self.taking_up {
+            *take_up = TakeUp::begin(self.overlay, wanted, config.quarter);
+        }
+        (i64::from(self.overlay) << 32, true)
     }
 
-    /// Four phases of constant jerk, each a quarter: sigma = 16/3 x^3, then 1/2 - 2 y + 16/3 y^3 with y = 1/2 - x,
-    /// and the mirror image. Peaks for a width b and duration T: 2 b/T, 8 b/T^2, 32 b/T^3.
-    fn continue_take_up(&mut self, config: &PlayConfig) -> i64 {
-        let TakeUp { from, to, quarter, .. } = self.take_up;
-        self.take_up.elapsed += 1;
-        let n = self.take_up.elapsed;
-        let duration = 4 * quarter;
-        if n >= duration {
-            self.overlay = to;
-            self.take_up = TakeUp::default();
-            // the motor turned again meanwhile: the next one follows at once, even if the move is over
-            let wanted = self.wanted(config);
-            if wanted != to {
-                self.take_up = TakeUp::begin(to, wanted, config.quarter);
-            }
-            return i64::from(to) << 32;
-        }
-        let mirrored = n > 2 * quarter;
-        let n = if mirrored { duration - n } else { n };
-        let sigma = if n <= quarter {
-            self.take_up.third(n)
-        } else {
-            // 1/2 - 2 y + 16/3 y^3 with y = m / (4 quarter)
-            let m = 2 * quarter - n;
-            let twice = u64::from(m).wrapping_mul(self.take_up.inverse[0]) >> 23; // m / (2 quarter) in Q40
-            (1 << 39) - twice as i64 + self.take_up.third(m)
-        };
-        let sigma = if mirrored { (1 << 40) - sigma } else { sigma };
-        let way = i64::from(to) - i64::from(from);
-        (i64::from(from) << 32) + ((way * sigma) >> 8)
-    }
-
-    /// Rolls back to rest at `target` with `overlay` whole steps, after an abort in the segment that began on this
-    /// side. An unfinished take-up goes on with the next move.
-    pub fn abort(&mut self, side: Side, target: i32, overlay: i32, dead_band: i32) {
-        *self = Play { side, calm: false, overlay, take_up: TakeUp::default() };
+    /// Rolls back to rest at `target` with `overlay` whole steps, after an abort in the segment of which this
+    /// is the start state. An unfinished take-up goes on with the next move.
+    pub fn abort(&mut self, target: i32, overlay: i32, dead_band: i32) {
         self.turn(target, dead_band);
+        self.overlay = overlay;
+        self.taking_up = false;
+        self.calm = false;
     }
 
     /// Moves the tracked extreme by whole steps when the count of the motor is re-anchored.

@@ -4,7 +4,7 @@
 //! (docs/LAW.md 2 and 3). The backlash overlay comes after, per motor.
 
 use super::calibration::{Calibration, MotorData};
-use super::coupling::{row, rows};
+use super::coupling::{factor, lone, rows};
 use super::pivot::{Rotary, Rotation, Screw, Turned, from_sixteenths, to_nanometres};
 use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose};
 
@@ -37,7 +37,8 @@ pub struct Law {
     slides: [[i32; 3]; 3],
     /// Rotary motors: 1 / step.
     gain: [i32; 3],
-    bits: [u8; AXES],
+    /// See [`factor`].
+    factors: [i32; AXES],
     /// Step sizes, Q32 nm or nrad.
     step: [u64; AXES],
     /// The rotary part.
@@ -69,7 +70,7 @@ impl Law {
         Law {
             slides,
             gain: [unit(3), unit(4), unit(5)],
-            bits: motors.map(|m| m.row_bits),
+            factors: motors.map(|m| factor(m.row_bits)),
             step: motors.map(|m| m.step_q32),
             rotation: Rotary::default(),
             lever_nm: 0,
@@ -115,9 +116,9 @@ impl Law {
         let mut steps = FineSteps::default();
         let p = [u[0] - c[0], u[1] - c[1], u[2] - c[2]];
         let (linear, rotary) = steps.0.split_at_mut(3);
-        rows(&self.slides, &self.bits[..3], &p, linear);
+        rows(&self.slides, &self.factors[..3], &p, linear);
         for (i, (m, q)) in rotary.iter_mut().zip(q).enumerate() {
-            *m = row(&[self.gain[i]], &[*q], self.bits[3 + i]);
+            *m = lone(self.gain[i], *q, self.factors[3 + i]);
         }
         steps
     }

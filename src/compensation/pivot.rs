@@ -13,8 +13,8 @@
 /// Fractional bits of positions that are given: 2^-20 nm in 64 bits.
 const POSITION_BITS: u32 = 20;
 
-/// Fractional bits of a displacement while it is summed: what a sine in Q33 times a sixteenth of a nanometre has.
-const SUM_BITS: u32 = 37;
+/// Fractional bits of a displacement while it is summed: what a sine in Q33 times an eighth of a nanometre has.
+const SUM_BITS: u32 = 36;
 
 /// High half of a 32 x 32 bit product (SMMUL).
 #[inline(always)]
@@ -29,7 +29,7 @@ fn sixteenths(angle: i64) -> i32 {
     ((angle >> 32) as i32).clamp(-MOST, MOST - 1) << 4 | (angle as u32 >> 28) as i32
 }
 
-/// sin q in Q33 and 2 sin^2(q/2) in Q35 from q in 1/16 nrad.
+/// sin q in Q33 and 2 sin^2(q/2) in Q34 from q in 1/16 nrad.
 ///
 /// Taylor terms to q^5 and q^6: the first one left out is below 2e-11 at 7.69 degrees.
 #[inline(always)]
@@ -41,8 +41,8 @@ fn sine_versine(q: i32) -> (i32, i32) {
     let sixth = mul_high(fourth, square); // x^6, Q38
     let third = mul_high(square, 715_827_883) - (mul_high(fourth, 35_791_394) >> 2); // x^2/6 - x^4/120, Q34
     let sine = x - (mul_high(x, third) >> 2);
-    let versine = square - mul_high(fourth, 89_478_485) + mul_high(sixth, 745_654); // x^2/2 is `square` read as Q35
-    (sine, versine)
+    let versine = square - mul_high(fourth, 89_478_485) + mul_high(sixth, 745_654); // Q35: x^2/2 is `square` read so
+    (sine, versine >> 1)
 }
 
 /// A rotary stage's line at home.
@@ -61,30 +61,29 @@ pub struct Screw {
 struct Link {
     /// Which of alpha, beta, gamma (0, 1, 2) turns about it.
     angle: usize,
-    /// Unit direction in chip axes, Q30.
+    /// Unit direction in chip axes, Q31; one is the largest number below it.
     direction: [i32; 3],
     /// From the line's point to the pivot at home, 1/16 nm.
     lever: [i32; 3],
 }
 
 impl Link {
-    /// direction x lever in 1/16 nm, and direction x that in 1/4 nm, which a versine of less than 2^-6 makes small.
+    /// direction x lever in 1/8 nm, and direction x that in 1/4 nm, which a versine of less than 2^-6 makes small.
     #[inline(always)]
-    fn arms(&self, [u, v, w]: [i32; 3]) -> [[i32; 3]; 2] {
+    fn arms(&self, lever: [i32; 3]) -> [[i32; 3]; 2] {
         let [x, y, z] = self.direction;
-        let minor =
-            |a: i32, b: i32, c: i32, d: i32| ((i64::from(a) * i64::from(b) - i64::from(c) * i64::from(d)) >> 30) as i32;
-        let first @ [u, v, w] = [minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u)];
         let minor = |a: i32, b: i32, c: i32, d: i32| mul_high(a, b) - mul_high(c, d);
-        [first, [minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u)]]
+        let cross = |[u, v, w]: [i32; 3]| [minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u)];
+        let first = cross(lever);
+        [first, cross(first)]
     }
 
-    /// Adds to the displacement of the pivot (Q37 nm) what a turn about the line by an angle in 1/16 nrad makes.
+    /// Adds to the displacement of the pivot (Q36 nm) what a turn about the line by an angle in 1/16 nrad makes.
     #[inline(never)]
     fn turn(&self, q: i32, displacement: &mut [i64; 3]) {
         let mut lever = self.lever;
         for (r, way) in lever.iter_mut().zip(&*displacement) {
-            *r = r.wrapping_add((way >> 32) as i32 >> 1); // Q37 to 1/16 nm
+            *r = r.wrapping_add((way >> 32) as i32); // Q36 to 1/16 nm
         }
         swing(q, &self.arms(lever), displacement);
     }
@@ -95,7 +94,7 @@ impl Link {
 fn swing(q: i32, [first, second]: &[[i32; 3]; 2], displacement: &mut [i64; 3]) {
     let (sine, versine) = sine_versine(q);
     for (sum, (first, second)) in displacement.iter_mut().zip(first.iter().zip(second)) {
-        // Q33 * 1/16 nm and Q35 * 1/4 nm
+        // Q33 * 1/8 nm and Q34 * 1/4 nm
         *sum += i64::from(sine) * i64::from(*first) + i64::from(versine) * i64::from(*second);
     }
 }
@@ -132,7 +131,8 @@ impl Rotation {
             for (r, (p, c)) in lever.iter_mut().zip(self.pivot.iter().zip(&screw.point)) {
                 *r = ((p - c) >> (POSITION_BITS - 4)) as i32;
             }
-            Link { angle: usize::from(screw.angle % 3), direction: screw.direction, lever }
+            let direction = screw.direction.map(|w| w.saturating_mul(2));
+            Link { angle: usize::from(screw.angle % 3), direction, lever }
         };
         let mut columns = [[0; 3]; 9];
         for (row, (tilt, second)) in self.tilt.iter().zip(&self.second_order).enumerate() {

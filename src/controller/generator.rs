@@ -9,7 +9,7 @@
 //! An abort must name a segment among the last [`HISTORY`] ones.
 
 use super::border::{Action, Order, Orders, Report};
-use crate::compensation::backlash::{Flank, Play, PlayConfig, Side};
+use crate::compensation::backlash::{Flank, Play, PlayConfig, TakeUp};
 use crate::compensation::coupling::HALF;
 use crate::compensation::law::{Law, Remembered};
 use crate::motion::planner::SLOTS;
@@ -31,26 +31,26 @@ struct Running {
     axes: u8,
 }
 
-/// One motor at the end of what was generated.
-#[derive(Clone, Copy, Debug)]
-struct Motor {
+/// Where a motor stands at a border of segments: what a roll-back needs, small enough to be copied in a few
+/// instructions.
+#[derive(Clone, Copy, Debug, Default)]
+struct Standing {
     /// Law's target, half added.
     target: i64,
     /// Target plus overlay: what the steps follow.
     position: i64,
     emitter: Emitter,
     play: Play,
-    config: PlayConfig,
-    line: Line,
 }
 
-/// A motor at the start of a segment: what a roll-back needs.
-#[derive(Clone, Copy, Debug, Default)]
-struct Snapshot {
-    target: i64,
-    position: i64,
-    emitter: Emitter,
-    side: Side,
+/// One motor.
+#[derive(Clone, Copy, Debug)]
+struct Motor {
+    /// At the end of what was generated.
+    now: Standing,
+    take_up: TakeUp,
+    config: PlayConfig,
+    line: Line,
 }
 
 /// What reports say of a segment, bit n = axis or motor n.
@@ -63,12 +63,22 @@ struct Flags {
     owing: u8,
 }
 
+/// What reports say of a border of segments.
+#[derive(Clone, Copy, Debug, Default)]
+struct Brief {
+    /// Counts, overlay included.
+    counts: MotorSteps,
+    /// Counts without overlay.
+    steps: MotorSteps,
+    flags: Flags,
+}
+
 /// State at the start of a segment, for reports and for the roll-back.
 #[derive(Clone, Copy, Debug, Default)]
 struct Start {
     segment: u64,
-    motors: [Snapshot; AXES],
-    flags: Flags,
+    brief: Brief,
+    motors: [Standing; AXES],
 }
 
 /// Profile, law, backlash and placement of all motors.
@@ -84,7 +94,8 @@ pub struct Generator {
     motors: [Motor; AXES],
     /// A step waits.
     waiting: bool,
-    flags: Flags,
+    brief: Brief,
+    overlay: [i32; AXES],
     timing: Timing,
     segment: u64,
     /// The last segment with a track, a take-up or a waiting step in it, plus one.
@@ -101,10 +112,8 @@ impl Generator {
     /// At rest at pose zero, counts zero, flanks unknown.
     pub fn new(law: Law, timing: Timing) -> Self {
         let motor = |line: Line| Motor {
-            target: HALF,
-            position: HALF,
-            emitter: Emitter::default(),
-            play: Play::default(),
+            now: Standing { target: HALF, position: HALF, ..Standing::default() },
+            take_up: TakeUp::default(),
             config: PlayConfig::default(),
             line,
         };
@@ -117,7 +126,8 @@ impl Generator {
             moving: 0,
             motors: timing.lines().map(motor),
             waiting: false,
-            flags: Flags::default(),
+            brief: Brief::default(),
+            overlay: [0; AXES],
             timing,
             segment: 0,
             busy_until: 0,
@@ -151,9 +161,9 @@ impl Generator {
             clear(words, &self.timing);
         }
         let moving = self.running != 0;
-        if moving || self.waiting || self.flags.taking_up != 0 {
+        if moving || self.waiting || self.brief.flags.taking_up != 0 {
             if self.segment > self.busy_until + 2 {
-                self.motors.iter_mut().for_each(|motor| motor.emitter.rested(first_tick(self.segment)));
+                self.motors.iter_mut().for_each(|motor| motor.now.emitter.rested(first_tick(self.segment)));
             }
             let targets = if moving { self.next_targets() } else { self.targets() };
             self.follow(&targets, moving, words);
@@ -180,18 +190,20 @@ impl Generator {
         let base = first_tick(self.segment);
         let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
         start.segment = self.segment;
-        start.flags = self.flags;
+        start.brief = self.brief;
         let (motors, starts) = (&mut self.motors, &mut start.motors);
         let news = if self.timing.grid() == 1 {
             follow_all::<true>(motors, starts, &targets.0, moving, base, words)
         } else {
             follow_all::<false>(motors, starts, &targets.0, moving, base, words)
         };
-        if moving {
-            self.flags.moving = self.moving;
-        }
+        self.brief.flags.moving = self.moving;
         if news {
-            self.look_at_motors();
+            return self.look_at_motors();
+        }
+        for (i, motor) in self.motors.iter().enumerate() {
+            self.brief.counts.0[i] = (motor.now.position >> 32) as i32;
+            self.brief.steps.0[i] = (motor.now.target >> 32) as i32;
         }
     }
 
@@ -201,12 +213,17 @@ impl Generator {
         let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
         start.segment = self.segment;
         if usize::from(self.steady) < HISTORY {
-            self.steady += 1;
-            start.flags = self.flags;
-            for (motor, snapshot) in self.motors.iter().zip(&mut start.motors) {
-                *snapshot = motor.snapshot();
-            }
+            self.come_to_rest();
         }
+    }
+
+    /// One of the first segments in which nothing moves.
+    #[inline(never)]
+    fn come_to_rest(&mut self) {
+        let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
+        self.steady += 1;
+        start.brief = self.brief;
+        start.motors = self.motors.map(|motor| motor.now);
     }
 
     /// What reports say of the motors and what waits, after something has happened to one.
@@ -214,14 +231,17 @@ impl Generator {
     fn look_at_motors(&mut self) {
         let mut flags = Flags { moving: self.moving, ..Flags::default() };
         self.waiting = false;
-        for (i, Motor { play, config, emitter, .. }) in self.motors.iter().enumerate() {
-            self.waiting |= emitter.waiting() != 0;
-            flags.taking_up |= u8::from(play.is_taking_up()) << i;
-            flags.negative |= u8::from(play.flank() == Flank::Negative) << i;
-            flags.known |= u8::from(play.is_known()) << i;
-            flags.owing |= u8::from(play.owes(config)) << i;
+        for (i, Motor { now, config, .. }) in self.motors.iter().enumerate() {
+            self.waiting |= now.emitter.waiting() != 0;
+            self.overlay[i] = now.play.overlay();
+            self.brief.counts.0[i] = now.emitter.emitted();
+            self.brief.steps.0[i] = (now.target >> 32) as i32;
+            flags.taking_up |= u8::from(now.play.is_taking_up()) << i;
+            flags.negative |= u8::from(now.play.flank() == Flank::Negative) << i;
+            flags.known |= u8::from(now.play.is_known()) << i;
+            flags.owing |= u8::from(now.play.owes(config)) << i;
         }
-        self.flags = flags;
+        self.brief.flags = flags;
     }
 
     /// The pose at the end of this segment; tracks that end are merged into the base, exactly.
@@ -284,7 +304,7 @@ impl Generator {
 
     /// Applies an order; false when the state does not allow it.
     fn apply(&mut self, order: &Order) -> bool {
-        let at_rest = self.running == 0 && !self.motors.iter().any(|motor| motor.play.is_taking_up());
+        let at_rest = self.running == 0 && !self.motors.iter().any(|motor| motor.now.play.is_taking_up());
         match &order.action {
             Action::Run { slot, track } => match self.tracks.get_mut(usize::from(*slot)) {
                 Some(place) => {
@@ -298,7 +318,7 @@ impl Generator {
             Action::Play { motor, config } => match self.motors.get_mut(usize::from(*motor)) {
                 Some(motor) => {
                     motor.config = *config;
-                    motor.play.disturb();
+                    motor.now.play.disturb();
                     true
                 }
                 None => false,
@@ -315,7 +335,8 @@ impl Generator {
             }
             Action::Flank { motor, flank } => match self.motors.get_mut(usize::from(*motor)) {
                 Some(motor) => {
-                    motor.play = Play::resting((motor.target >> 32) as i32, *flank, motor.play.overlay());
+                    let now = &mut motor.now;
+                    now.play = Play::resting((now.target >> 32) as i32, *flank, now.play.overlay());
                     true
                 }
                 None => false,
@@ -324,7 +345,7 @@ impl Generator {
                 self.timing = *timing;
                 for (motor, line) in self.motors.iter_mut().zip(timing.lines()) {
                     motor.line = *line;
-                    motor.emitter.disturb();
+                    motor.now.emitter.disturb();
                 }
                 true
             }
@@ -336,18 +357,19 @@ impl Generator {
         self.base = pose;
         let law = self.law.motors(&pose, &mut self.remembered);
         for (motor, (law, steps)) in self.motors.iter_mut().zip(law.0.into_iter().zip(steps.0)) {
+            let now = &mut motor.now;
             let count = i64::from(steps);
-            motor.play.shift(steps.wrapping_sub((motor.target >> 32) as i32));
-            motor.target = if law >> 32 == count { law } else { (count << 32) + HALF };
-            motor.position = motor.target + (i64::from(motor.play.overlay()) << 32);
-            motor.emitter.set_count((motor.position >> 32) as i32);
+            now.play.shift(steps.wrapping_sub((now.target >> 32) as i32));
+            now.target = if law >> 32 == count { law } else { (count << 32) + HALF };
+            now.position = now.target + (i64::from(now.play.overlay()) << 32);
+            now.emitter.set_count((now.position >> 32) as i32);
         }
         self.moving = 0;
         self.look_at_motors();
         // what is still to be played is silence: reports and an abort in it speak of the new counts
-        let (motors, flags) = (self.motors.map(|motor| motor.snapshot()), self.flags);
+        let (motors, brief) = (self.motors.map(|motor| motor.now), self.brief);
         for start in &mut self.history {
-            *start = Start { segment: start.segment, motors, flags };
+            *start = Start { segment: start.segment, brief, motors };
         }
     }
 
@@ -356,8 +378,8 @@ impl Generator {
     pub fn abort(&mut self, segment: u64, tick: usize, words: &Words) {
         let tick = tick.min(SEGMENT_TICKS);
         let ends = match self.start_of(segment + 1) {
-            Some(next) => next.motors.map(|motor| (motor.target, motor.position)),
-            None => self.motors.map(|motor| (motor.target, motor.position)),
+            Some(next) => next.motors.map(|now| (now.target, now.position)),
+            None => self.motors.map(|motor| (motor.now.target, motor.now.position)),
         };
         self.aborts = self.aborts.wrapping_add(1);
         self.running = 0;
@@ -368,14 +390,15 @@ impl Generator {
         let played = words.get(..tick).unwrap_or(words);
         let (base, resume) = (first_tick(segment), first_tick(segment + 1));
         for (i, (motor, start)) in self.motors.iter_mut().zip(&start.motors).enumerate() {
-            motor.emitter = Emitter::after_abort(&start.emitter, &motor.line, played, base, resume);
-            let count = motor.emitter.emitted();
+            let emitter = Emitter::after_abort(&start.emitter, &motor.line, played, base, resume);
+            let count = emitter.emitted();
             let target = at(start.target, ends[i].0) >> 32;
             let overlay = (at(start.position, ends[i].1) >> 32) - target;
             let steps = i64::from(count) - overlay;
-            motor.play.abort(start.side, steps as i32, overlay as i32, motor.config.dead_band);
-            motor.target = (steps << 32) + HALF;
-            motor.position = (i64::from(count) << 32) + HALF;
+            let mut play = start.play;
+            play.abort(steps as i32, overlay as i32, motor.config.dead_band);
+            let (target, position) = ((steps << 32) + HALF, (i64::from(count) << 32) + HALF);
+            motor.now = Standing { target, position, emitter, play };
         }
         self.moving = 0;
         self.look_at_motors();
@@ -392,40 +415,24 @@ impl Generator {
 
     #[inline(always)]
     fn report(&self, played: u64) -> Report {
-        let (mut counts, mut steps) = (MotorSteps::default(), MotorSteps::default());
-        let (mut final_steps, mut overlay) = (MotorSteps::default(), [0; AXES]);
-        for (i, motor) in self.motors.iter().enumerate() {
-            final_steps.0[i] = (motor.target >> 32) as i32;
-            overlay[i] = motor.play.overlay();
-        }
-        let flags = match self.start_of(played) {
-            Some(start) => {
-                for (i, motor) in start.motors.iter().enumerate() {
-                    counts.0[i] = motor.emitter.emitted();
-                    steps.0[i] = (motor.target >> 32) as i32;
-                }
-                start.flags
-            }
-            None => {
-                counts = MotorSteps(self.motors.map(|motor| motor.emitter.emitted()));
-                steps = final_steps;
-                self.flags
-            }
+        let Brief { counts, steps, flags } = match self.start_of(played) {
+            Some(start) => &start.brief,
+            None => &self.brief,
         };
         Report {
             next: self.segment,
             played,
             answered: self.answered,
             refused: self.refused,
-            counts,
-            steps,
-            final_steps,
+            counts: *counts,
+            steps: *steps,
+            final_steps: self.brief.steps,
             moving: flags.moving,
             taking_up: flags.taking_up,
             negative: flags.negative,
             known: flags.known,
             owing: flags.owing,
-            overlay,
+            overlay: self.overlay,
             settled: played >= self.busy_until,
             aborts: self.aborts,
         }
@@ -434,35 +441,18 @@ impl Generator {
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests
     /// and telemetry.
     pub fn motor_positions(&self) -> FineSteps {
-        FineSteps(self.motors.map(|motor| motor.position))
+        FineSteps(self.motors.map(|motor| motor.now.position))
     }
 
     /// The law's unrounded targets, one half included, at the end of what was generated.
     pub fn targets(&self) -> FineSteps {
-        FineSteps(self.motors.map(|motor| motor.target))
+        FineSteps(self.motors.map(|motor| motor.now.target))
     }
 
     /// Counts emitted and steps waiting of a motor at the end of what was generated.
     pub fn emitted(&self, motor: usize) -> (i32, i32) {
-        let emitter = &self.motors[motor].emitter;
+        let emitter = &self.motors[motor].now.emitter;
         (emitter.emitted(), emitter.waiting())
-    }
-}
-
-impl Motor {
-    #[inline(always)]
-    fn snapshot(&self) -> Snapshot {
-        Snapshot { target: self.target, position: self.position, emitter: self.emitter, side: self.play.side() }
-    }
-
-    /// The overlay at the target, Q32; true when reports may have something new to say of it.
-    #[inline(always)]
-    fn take_up(&mut self, moving: bool) -> (i64, bool) {
-        let target = (self.target >> 32) as i32;
-        if self.play.goes_on(target) {
-            return (i64::from(self.play.overlay()) << 32, false);
-        }
-        (self.play.advance(target, moving, &self.config), true)
     }
 }
 
@@ -471,23 +461,29 @@ impl Motor {
 #[inline(never)]
 fn follow_all<const UNIT: bool>(
     motors: &mut [Motor],
-    snapshots: &mut [Snapshot],
+    starts: &mut [Standing],
     targets: &[i64],
     moving: bool,
     base: u32,
     words: &mut Words,
 ) -> bool {
     let mut any = false;
-    for ((motor, snapshot), target) in motors.iter_mut().zip(snapshots).zip(targets) {
-        *snapshot = motor.snapshot();
-        motor.target = *target;
-        let from = motor.position;
-        let (overlay, news) = motor.take_up(moving);
-        if news {
-            any = true;
-        }
-        motor.position = target.wrapping_add(overlay);
-        if motor.emitter.place::<UNIT>(&motor.line, from, motor.position, base, words) {
+    for ((Motor { now, take_up, config, line }, start), target) in motors.iter_mut().zip(starts).zip(targets) {
+        *start = *now;
+        now.target = *target;
+        let whole = (*target >> 32) as i32;
+        let overlay = if now.play.goes_on(whole) {
+            i64::from(now.play.overlay()) << 32
+        } else {
+            let (overlay, news) = now.play.advance(take_up, whole, moving, config);
+            if news {
+                any = true;
+            }
+            overlay
+        };
+        let from = now.position;
+        now.position = target.wrapping_add(overlay);
+        if now.emitter.place::<UNIT>(line, from, now.position, base, words) {
             any = true;
         }
     }

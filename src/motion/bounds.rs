@@ -4,7 +4,9 @@
 //! Linear axes make it straight; rotary ones bend it through the rotation centre: with a lever r and an angular
 //! way theta per path unit, |c''| <= r theta^2 and |c'''| <= r theta^3 (sums over the rotary axes), to which the
 //! second-order term of q_a adds its own part. The slope is taken from samples of the law itself; between two
-//! samples h apart it differs from their mean by at most m'' h / 2.
+//! samples h apart it differs from their mean by at most m'' h / 2. Where nothing else turns meanwhile the curvature
+//! is taken from the samples too: a second difference is the curvature somewhere between its three samples, from
+//! which it differs by at most m''' 2 h.
 
 use crate::compensation::law::{Law, Remembered};
 use crate::motion::track::scale;
@@ -95,11 +97,20 @@ impl Bounds {
             }
             law.motors(&pose, &mut remembered).0
         };
-        let mut last = at(path.from);
-        (bounds.lowest, bounds.highest) = (last, last);
-        bounds.ends = [last, at(path.to)];
-        for k in 1..=count {
-            let motors = at(if k == count { path.to } else { path.from + stretch * k });
+        let mut samples = [[0i64; AXES]; SAMPLES as usize + 1];
+        let used = &mut samples[..=count as usize];
+        for (k, sample) in (0..).zip(used.iter_mut()) {
+            *sample = at(if k == count { path.to } else { path.from + stretch * k });
+        }
+        bounds.ends = [used[0], used[count as usize]];
+        (bounds.lowest, bounds.highest) = (used[0], used[0]);
+        if others == 0 && count > 1 {
+            for i in 0..AXES {
+                bounds.straighten(law, i, used, stretch);
+            }
+        }
+        for pair in used.windows(2) {
+            let [last, motors] = [pair[0], pair[1]];
             for i in 0..AXES {
                 let way = motors[i].abs_diff(last[i]);
                 // where it does not turn back, its ends are its extremes
@@ -109,7 +120,6 @@ impl Bounds {
                 bounds.highest[i] = bounds.highest[i].max(motors[i].max(last[i]) + bulge);
                 bounds.raise_slope(law, i, way, stretch, turns);
             }
-            last = motors;
         }
         if !turns {
             // straight: one path unit gives the slope, the same for every stretch of it
@@ -141,6 +151,21 @@ impl Bounds {
     /// Angle by which the path turns in whole, nrad.
     pub fn swing(&self, path: &Path) -> u64 {
         if self.turning == 0 { 0 } else { product_q60(self.turning, path.to - path.from) + 1 }
+    }
+
+    /// Lowers the curvature of a motor to what samples `stretch` apart show.
+    fn straighten(&mut self, law: &Law, i: usize, samples: &[[i64; AXES]], stretch: i64) {
+        let second = |three: &[[i64; AXES]]| (three[2][i] - three[1][i]).abs_diff(three[1][i] - three[0][i]);
+        let largest = samples.windows(3).map(second).max().unwrap_or(u64::MAX);
+        // a second difference has four times the rounding of a sample
+        let noise = (1u64 << 62) / law.step_q32(i).max(1);
+        // Q32 steps over a stretch squared, to Q16 steps per path unit squared
+        let per = product_q60(1 << 32, stretch).max(1);
+        let scaled = (u128::from(largest) + u128::from(noise)) << 16;
+        let shown = (((scaled << 16) / u128::from(per)) << 16) / u128::from(per);
+        let shown = u64::try_from(shown + 1).unwrap_or(u64::MAX);
+        let apart = product_q60(self.third[i], stretch).saturating_mul(2).saturating_add(1);
+        self.curvature[i] = self.curvature[i].min(shown.saturating_add(apart));
     }
 
     /// A motor goes `way` (Q32 steps) over a stretch of the path.

@@ -57,7 +57,7 @@ mod target {
     /// Steps per second at home, half the window around home in steps, and half the way in steps, which leaves room
     /// to get up to speed within the machine's acceleration and jerk.
     const SLOW: [i32; 3] = [100_000, 50_000, 60_000];
-    const FAST: [i32; 3] = [490_000, 24_500, 98_000];
+    const FAST: [i32; 3] = [490_000, 24_500, 102_000];
 
     /// The board: both halves and a ring that plays at once.
     struct Rig<'a> {
