@@ -59,6 +59,10 @@ mod target {
     const SLOW: [i32; 3] = [100_000, 50_000, 60_000];
     const FAST: [i32; 3] = [490_000, 24_500, 102_000];
 
+    /// Above what any motor of the machine may do, in steps per second squared and cubed.
+    const ACCELERATION: u64 = 4_000_000;
+    const JERK: u64 = 80_000_000;
+
     /// The board: both halves and a ring that plays at once.
     struct Rig<'a> {
         front: &'a mut Front,
@@ -146,7 +150,11 @@ mod target {
                 // the smallest reserve for take-up leaves the most for the move
                 own.backlash.velocity = (motors[i].velocity / 100).max(1);
                 let way = (ends[1][i] - ends[0][i]).unsigned_abs();
-                own.velocity = (way * rate as u64).div_ceil(u64::from(slope)).max(1);
+                let along = |rate: u64| (way * rate).div_ceil(u64::from(slope)).max(1);
+                own.velocity = along(rate as u64);
+                // what the axes need where the motors go to their limits
+                own.acceleration = along(ACCELERATION);
+                own.jerk = along(JERK);
             }
             self.front.set_axes(&settings)
         }
