@@ -3,7 +3,7 @@
 //! Every running track holds a share of every motor; a new one gets what is left and is never given more.
 //! A fixed part of each motor's limits is kept for taking up play.
 
-use super::bounds::Bounds;
+use super::bounds::{Bounds, PATH_ONE};
 use super::ramp::Limits;
 use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND};
 
@@ -174,8 +174,9 @@ impl Grant {
         crossed: impl Fn(usize, u128) -> u64,
     ) -> Self {
         let mut velocity = 1i64 << 60;
+        let near_rest = slow_near_rest(bounds, available);
         for i in 0..AXES {
-            velocity = velocity.min(over(available[i].velocity, bounds.slope[i]));
+            velocity = velocity.min(near_rest[i]);
             velocity = velocity.min(over(wanted[i].velocity, ways[i]));
             if bounds.curvature[i] != 0 {
                 // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
@@ -237,7 +238,8 @@ impl Grant {
         let mut uses = [Rates::default(); AXES];
         for (i, rates) in uses.iter_mut().enumerate() {
             *rates = Rates {
-                velocity: times(bounds.slope[i], velocity),
+                // where the path is steeper than the velocity allows it is slower, see `slow_near_rest`
+                velocity: times(bounds.slope[i], velocity).min(available[i].velocity),
                 acceleration: times(bounds.slope[i], acceleration) + times(bounds.curvature[i], square) + crossed_a(i),
                 jerk: times(bounds.slope[i], jerk).saturating_add(bend_j(i)),
             };
@@ -250,6 +252,30 @@ impl Grant {
             bent: 0,
         }
     }
+}
+
+/// The highest path velocity of each motor. A path from rest to rest whose acceleration stays below a goes at most at
+/// sqrt(2 a d) where the nearer of its ends is d away: stretches that are steep, but too near to an end to be reached
+/// at full speed, do not slow it down.
+fn slow_near_rest(bounds: &Bounds, available: &[Rates; AXES]) -> [i64; AXES] {
+    let everywhere = core::array::from_fn(|i| over(available[i].velocity, bounds.slope[i]));
+    let count = bounds.stretches.len();
+    if !bounds.rests || count == 0 {
+        return everywhere;
+    }
+    // never less than the acceleration that will be granted
+    let most = (0..AXES).map(|i| over(available[i].acceleration, bounds.slope[i])).min().unwrap_or(1 << 60);
+    let mut highest = [1i64 << 60; AXES];
+    for (k, slopes) in bounds.stretches.iter().enumerate() {
+        let distance = ((k + 1).min(count - k) as u128 * PATH_ONE as u128) / count as u128 + count as u128;
+        let reached = (2 * most.unsigned_abs() as u128 * distance).isqrt().min(1 << 60) as i64;
+        for i in 0..AXES {
+            if times(slopes[i], reached) > available[i].velocity {
+                highest[i] = highest[i].min(over(available[i].velocity, slopes[i]));
+            }
+        }
+    }
+    highest
 }
 
 /// nrad per path unit times a path rate in Q60: nrad in Q20, rounded up.
