@@ -158,8 +158,13 @@ fn over(rate: u64, value: u64) -> i64 {
     if value == 0 {
         return 1 << 60;
     }
-    let quotient = (u128::from(rate) << 32) / u128::from(value);
-    quotient.min(1 << 60) as i64
+    // digit by digit: a 128-bit division costs twenty 64-bit ones on the chip
+    if value >= 1 << 48 {
+        return ((u128::from(rate) << 32) / u128::from(value)).min(1 << 60) as i64;
+    }
+    let (whole, rest) = (rate / value, (rate % value) << 16);
+    let (high, rest) = (rest / value, (rest % value) << 16);
+    if whole >= 1 << 28 { 1 << 60 } else { (whole << 32 | high << 16 | rest / value) as i64 }
 }
 
 impl Grant {
@@ -175,18 +180,24 @@ impl Grant {
     ) -> Self {
         let mut velocity = 1i64 << 60;
         let near_rest = slow_near_rest(bounds, available);
+        let (mut least_square, mut least_cube) = (1u128 << 60, 1u128 << 60);
         for i in 0..AXES {
             velocity = velocity.min(near_rest[i]);
             velocity = velocity.min(over(wanted[i].velocity, ways[i]));
             if bounds.curvature[i] != 0 {
                 // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
-                let square = (u128::from(available[i].acceleration) << 30) / u128::from(bounds.curvature[i]); // Q60 / 4
-                velocity = velocity.min((square.min(1 << 60) << 60).isqrt().min(1 << 60) as i64);
+                least_square =
+                    least_square.min((u128::from(available[i].acceleration) << 30) / u128::from(bounds.curvature[i])); // Q60 / 4
             }
             if bounds.third[i] != 0 {
-                let cube = (u128::from(available[i].jerk) << 29) / u128::from(bounds.third[i]); // Q60 / 8
-                velocity = velocity.min((cube_root(cube.min(1 << 60) << 60) << 20).min(1 << 60) as i64);
+                least_cube = least_cube.min((u128::from(available[i].jerk) << 29) / u128::from(bounds.third[i])); // Q60 / 8
             }
+        }
+        if least_square < 1 << 60 {
+            velocity = velocity.min((least_square << 60).isqrt() as i64);
+        }
+        if least_cube < 1 << 60 {
+            velocity = velocity.min((cube_root(least_cube << 60) << 20).min(1 << 60) as i64);
         }
         let velocity = velocity.max(1);
         let square = ((u128::from(velocity.unsigned_abs()).pow(2)) >> 60) as i64;
