@@ -101,3 +101,10 @@ fn a_name_beyond_sixteen_characters_or_ascii_is_refused() {
     names(&refusal("name = \"paper\"", "name = \"µ-stage\""), "name", "µ-stage");
     names(&refusal("name = \"paper\"", "name = \"\""), "name", "\"\"");
 }
+
+#[test]
+fn the_block_in_the_cost_program_is_that_of_the_bench_machine() {
+    let machine = Machine::parse(include_str!("../machines/bench.toml")).expect("valid");
+    let block = host_sim::session::block_of(&machine).expect("can be calibrated");
+    assert!(block == include_bytes!("../../tests/target/bench.block"), "make it anew: host-sim calibrate");
+}
