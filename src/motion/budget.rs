@@ -164,7 +164,7 @@ fn over(rate: u64, value: u64) -> i64 {
     }
     let (whole, rest) = (rate / value, (rate % value) << 16);
     let (high, rest) = (rest / value, (rest % value) << 16);
-    if whole >= 1 << 28 { 1 << 60 } else { (whole << 32 | high << 16 | rest / value) as i64 }
+    if whole >= 1 << 28 { 1 << 60 } else { ((whole << 32) | (high << 16) | (rest / value)) as i64 }
 }
 
 impl Grant {
