@@ -17,6 +17,7 @@ use super::gpio;
 use core::cell::UnsafeCell;
 use core::ptr::addr_of;
 use embassy_stm32::pac;
+use embassy_stm32::pac::dma::regs::Ixr;
 use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::timer::vals::{Mms, Sms, Ts};
 use stage_controller::controller::safety::Inputs;
@@ -64,17 +65,15 @@ pub fn stop() {
     pac::TIM8.cr1().modify(|w| w.set_cen(false));
 }
 
+/// All flags of a stream in the interrupt registers, and where those of streams 0 to 3 begin (RM0090, 10.5.3).
+const FLAGS: u32 = 0b11_1101;
+const fn flags_at(stream: usize) -> usize {
+    [0, 6, 16, 22][stream]
+}
+
 /// Clears the flags of both streams.
 pub fn clear_failure() {
-    pac::DMA2.ifcr(0).write(|w| {
-        for stream in [PLAY, CLEAR] {
-            w.set_tcif(stream, true);
-            w.set_htif(stream, true);
-            w.set_teif(stream, true);
-            w.set_dmeif(stream, true);
-            w.set_feif(stream, true);
-        }
-    });
+    pac::DMA2.ifcr(0).write_value(Ixr(FLAGS << flags_at(PLAY) | FLAGS << flags_at(CLEAR)));
 }
 
 impl StepDma {
