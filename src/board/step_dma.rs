@@ -17,6 +17,7 @@ use super::gpio;
 use core::cell::UnsafeCell;
 use core::ptr::addr_of;
 use embassy_stm32::pac;
+use embassy_stm32::pac::dma::St;
 use embassy_stm32::pac::dma::regs::Ixr;
 use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::timer::vals::{Mms, Sms, Ts};
@@ -137,16 +138,15 @@ impl StepDma {
     }
 
     fn disable() {
-        for stream in [PLAY, CLEAR] {
-            let stream = pac::DMA2.st(stream);
+        // one after the other and not by a loop: the compiler is to see that both exist
+        for stream in [pac::DMA2.st(PLAY), pac::DMA2.st(CLEAR)] {
             stream.cr().modify(|w| w.set_en(false));
             while stream.cr().read().en() {}
         }
         clear_failure();
     }
 
-    fn enable(stream: usize, peripheral: u32, direction: Dir) {
-        let stream = pac::DMA2.st(stream);
+    fn enable(stream: St, peripheral: u32, direction: Dir) {
         stream.par().write_value(peripheral);
         stream.m0ar().write_value(RING_WORDS.0.get() as u32);
         stream.ndtr().write(|w| w.set_ndt(LENGTH as u16));
@@ -192,7 +192,7 @@ impl StepSink for StepDma {
         }
         cortex_m::asm::dmb();
         // All is silent: stream 2 is brought to where it belongs, one segment behind the first word.
-        Self::enable(CLEAR, addr_of!(SILENCE) as u32, Dir::PERIPHERAL_TO_MEMORY);
+        Self::enable(pac::DMA2.st(CLEAR), addr_of!(SILENCE) as u32, Dir::PERIPHERAL_TO_MEMORY);
         for _ in 0..LENGTH - SEGMENT_TICKS {
             pac::TIM8.egr().write(|w| w.set_ccg(0, true));
             cortex_m::asm::delay(TRANSFER_CLOCKS);
@@ -208,7 +208,7 @@ impl StepSink for StepDma {
         pac::TIM8.sr().write_value(Default::default());
         // what the processor has written is in memory before the stream reads it
         cortex_m::asm::dmb();
-        Self::enable(PLAY, pac::GPIOE.bsrr().as_ptr() as u32, Dir::MEMORY_TO_PERIPHERAL);
+        Self::enable(pac::DMA2.st(PLAY), pac::GPIOE.bsrr().as_ptr() as u32, Dir::MEMORY_TO_PERIPHERAL);
         pac::TIM8.cr1().modify(|w| w.set_cen(true));
     }
 
