@@ -113,3 +113,10 @@ fn limit_switches_lie_a_little_beyond_the_travel_or_where_the_file_says() {
     let swapped = refusal("step_nm = 50", "step_nm = 50\nswitches_um = [1.0, -1.0]");
     names(&swapped, "axes.X.switches_um", "[1, -1]");
 }
+
+#[test]
+fn the_block_in_the_cost_program_is_that_of_the_bench_machine() {
+    let machine = Machine::parse(include_str!("../machines/bench.toml")).expect("valid");
+    let block = host_sim::session::block_of(&machine).expect("can be calibrated");
+    assert!(block == include_bytes!("../../tests/target/bench.block"), "make it anew: host-sim calibrate");
+}

@@ -6,6 +6,7 @@ pub mod critical;
 pub mod faults;
 pub mod flash;
 pub mod gpio;
+mod mailbox;
 pub mod pins;
 pub mod port;
 pub mod refill;
@@ -85,7 +86,7 @@ impl Board {
 
 impl Hal for Board {
     fn report(&mut self) -> Option<Report> {
-        self.border.reports.dequeue()
+        self.border.report()
     }
 
     fn can_order(&self) -> bool {

@@ -4,6 +4,7 @@
 //! single-producer single-consumer queues.
 
 use super::critical::{REFILL, STOPS, WAKE};
+use super::mailbox::Mailbox;
 use super::pins::{LOWER, Port, UPPER};
 use super::step_dma::{self, StepDma};
 use super::{gpio, supervision};
@@ -23,9 +24,8 @@ use stage_controller::controller::safety::{Cause, Halt, Watch};
 use stage_controller::controller::stream::{Stream, Wishes};
 use static_cell::StaticCell;
 
-/// Orders on their way down, reports on their way up; one place of a queue stays empty.
+/// Orders on their way down; one place of a queue stays empty.
 const ORDERS: usize = 5;
-const REPORTS: usize = 9;
 
 /// The thread is woken by what changes, and after this many refills anyhow: before the reports have filled their queue.
 const CALM: u8 = 4;
@@ -45,7 +45,6 @@ struct Owned {
     stream: Stream,
     sink: StepDma,
     orders: Consumer<'static, Order>,
-    reports: Producer<'static, Report>,
     last: Report,
     /// Refills until the thread is woken although nothing has changed.
     calm: u8,
@@ -61,10 +60,19 @@ static OWNED: Private = Private(UnsafeCell::new(None));
 pub struct Border {
     /// Orders down.
     pub orders: Producer<'static, Order>,
-    /// Reports up.
-    pub reports: Consumer<'static, Report>,
+    /// Reports that were read, see [`Border::report`].
+    seen: u32,
 }
 
+impl Border {
+    /// The latest report, if it was not taken yet.
+    pub fn report(&mut self) -> Option<Report> {
+        REPORT.take(&mut self.seen)
+    }
+}
+
+/// The latest report; each stands alone, so that one that is not read costs nothing.
+static REPORT: Mailbox<Report> = Mailbox::new();
 static WATCH: AtomicU32 = AtomicU32::new(0);
 static PAUSE: AtomicBool = AtomicBool::new(false);
 static REARM: AtomicBool = AtomicBool::new(false);
@@ -83,16 +91,13 @@ pub static REFILLED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 /// When called a second time.
 pub fn start(generator: Generator) -> Border {
     static DOWN: StaticCell<Queue<Order, ORDERS>> = StaticCell::new();
-    static UP: StaticCell<Queue<Report, REPORTS>> = StaticCell::new();
     let (orders_in, orders) = DOWN.init(Queue::new()).split();
-    let (reports, reports_out) = UP.init(Queue::new()).split();
     // SAFETY: the interrupt that uses it is still masked; the cells above allow one call only.
     unsafe {
         *OWNED.0.get() = Some(Owned {
             stream: Stream::new(generator),
             sink: StepDma::new(),
             orders,
-            reports,
             last: Report::default(),
             calm: 0,
         });
@@ -117,7 +122,7 @@ pub fn start(generator: Generator) -> Border {
         }
     }
     NVIC::pend(Interrupt::TIM2);
-    Border { orders: orders_in, reports: reports_out }
+    Border { orders: orders_in, seen: 0 }
 }
 
 /// Both edges of every limit switch.
@@ -206,7 +211,7 @@ fn decode(code: u32) -> Option<Halt> {
 #[interrupt]
 fn TIM2() {
     // SAFETY: this interrupt alone, which does not nest.
-    let Some(Owned { stream, sink, orders, reports, last, calm }) = (unsafe { &mut *OWNED.0.get() }) else { return };
+    let Some(Owned { stream, sink, orders, last, calm }) = (unsafe { &mut *OWNED.0.get() }) else { return };
     sink.await_border();
     let wishes = Wishes { pause: PAUSE.load(Ordering::Relaxed), rearm: REARM.swap(false, Ordering::Relaxed) };
     let watch = Watch::from_bits(WATCH.load(Ordering::Relaxed));
@@ -220,8 +225,8 @@ fn TIM2() {
     STANDING.store(!stream.is_running(), Ordering::Relaxed);
     let changed = report.differs(last);
     *last = report;
-    // a full queue means that the thread has newer ones to read than it can; each stands alone
-    let _ = reports.enqueue(report);
+    // SAFETY: this interrupt alone; the thread cannot interrupt it.
+    unsafe { REPORT.put(last) };
     supervision::refill_ran();
     *calm = calm.saturating_sub(1);
     if changed || *calm == 0 {

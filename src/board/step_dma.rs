@@ -17,6 +17,8 @@ use super::gpio;
 use core::cell::UnsafeCell;
 use core::ptr::addr_of;
 use embassy_stm32::pac;
+use embassy_stm32::pac::dma::St;
+use embassy_stm32::pac::dma::regs::Ixr;
 use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
 use embassy_stm32::pac::timer::vals::{Mms, Sms, Ts};
 use stage_controller::controller::safety::Inputs;
@@ -64,17 +66,15 @@ pub fn stop() {
     pac::TIM8.cr1().modify(|w| w.set_cen(false));
 }
 
+/// All flags of a stream in the interrupt registers, and where those of streams 0 to 3 begin (RM0090, 10.5.3).
+const FLAGS: u32 = 0b11_1101;
+const fn flags_at(stream: usize) -> usize {
+    [0, 6, 16, 22][stream]
+}
+
 /// Clears the flags of both streams.
 pub fn clear_failure() {
-    pac::DMA2.ifcr(0).write(|w| {
-        for stream in [PLAY, CLEAR] {
-            w.set_tcif(stream, true);
-            w.set_htif(stream, true);
-            w.set_teif(stream, true);
-            w.set_dmeif(stream, true);
-            w.set_feif(stream, true);
-        }
-    });
+    pac::DMA2.ifcr(0).write_value(Ixr(FLAGS << flags_at(PLAY) | FLAGS << flags_at(CLEAR)));
 }
 
 impl StepDma {
@@ -138,16 +138,15 @@ impl StepDma {
     }
 
     fn disable() {
-        for stream in [PLAY, CLEAR] {
-            let stream = pac::DMA2.st(stream);
+        // one after the other and not by a loop: the compiler is to see that both exist
+        for stream in [pac::DMA2.st(PLAY), pac::DMA2.st(CLEAR)] {
             stream.cr().modify(|w| w.set_en(false));
             while stream.cr().read().en() {}
         }
         clear_failure();
     }
 
-    fn enable(stream: usize, peripheral: u32, direction: Dir) {
-        let stream = pac::DMA2.st(stream);
+    fn enable(stream: St, peripheral: u32, direction: Dir) {
         stream.par().write_value(peripheral);
         stream.m0ar().write_value(RING_WORDS.0.get() as u32);
         stream.ndtr().write(|w| w.set_ndt(LENGTH as u16));
@@ -193,7 +192,7 @@ impl StepSink for StepDma {
         }
         cortex_m::asm::dmb();
         // All is silent: stream 2 is brought to where it belongs, one segment behind the first word.
-        Self::enable(CLEAR, addr_of!(SILENCE) as u32, Dir::PERIPHERAL_TO_MEMORY);
+        Self::enable(pac::DMA2.st(CLEAR), addr_of!(SILENCE) as u32, Dir::PERIPHERAL_TO_MEMORY);
         for _ in 0..LENGTH - SEGMENT_TICKS {
             pac::TIM8.egr().write(|w| w.set_ccg(0, true));
             cortex_m::asm::delay(TRANSFER_CLOCKS);
@@ -209,7 +208,7 @@ impl StepSink for StepDma {
         pac::TIM8.sr().write_value(Default::default());
         // what the processor has written is in memory before the stream reads it
         cortex_m::asm::dmb();
-        Self::enable(PLAY, pac::GPIOE.bsrr().as_ptr() as u32, Dir::MEMORY_TO_PERIPHERAL);
+        Self::enable(pac::DMA2.st(PLAY), pac::GPIOE.bsrr().as_ptr() as u32, Dir::MEMORY_TO_PERIPHERAL);
         pac::TIM8.cr1().modify(|w| w.set_cen(true));
     }
 

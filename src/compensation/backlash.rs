@@ -75,56 +75,119 @@ impl PlayConfig {
     }
 }
 
-/// A take-up on its way.
+/// A take-up on its way; kept apart from the [`Play`], which a roll-back needs while it does not need this.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct TakeUp {
+pub struct TakeUp {
     from: i32,
-    /// Equal to `from`: none on its way.
     to: i32,
     /// Segments since it began.
     elapsed: u32,
-    /// A quarter of its duration; 0 = none on its way.
+    /// A quarter of its duration.
     quarter: u32,
+    /// 2^62 / quarter, and a twelfth of that times 16.
+    inverse: [u64; 2],
+}
+
+impl TakeUp {
+    /// Begins; the divisions are made here, once.
+    #[cold]
+    #[inline(never)]
+    fn begin(from: i32, to: i32, quarter: u32) -> Self {
+        let quarter = quarter.max(1);
+        let inverse = (1u64 << 62) / u64::from(quarter);
+        TakeUp { from, to, elapsed: 0, quarter, inverse: [inverse, inverse / 3 * 4] }
+    }
+
+    /// Four phases of constant jerk, each a quarter: sigma = 16/3 x^3, then 1/2 - 2 y + 16/3 y^3 with y = 1/2 - x,
+    /// and the mirror image. Peaks for a width b and duration T: 2 b/T, 8 b/T^2, 32 b/T^3. None at the end.
+    #[inline(always)]
+    fn advance(&mut self) -> Option<i64> {
+        let TakeUp { from, to, quarter, inverse, .. } = *self;
+        self.elapsed += 1;
+        let n = self.elapsed;
+        let duration = 4 * quarter;
+        if n >= duration {
+            return None;
+        }
+        let mirrored = n > 2 * quarter;
+        let n = if mirrored { duration - n } else { n };
+        let sigma = if n <= quarter {
+            self.third(n)
+        } else {
+            // 1/2 - 2 y + 16/3 y^3 with y = m / (4 quarter)
+            let m = 2 * quarter - n;
+            let twice = u64::from(m).wrapping_mul(inverse[0]) >> 23; // m / (2 quarter) in Q40
+            (1 << 39) - twice as i64 + self.third(m)
+        };
+        let sigma = if mirrored { (1 << 40) - sigma } else { sigma };
+        let way = i64::from(to) - i64::from(from);
+        Some((i64::from(from) << 32) + ((way * sigma) >> 8))
+    }
+
+    /// 16/3 (n/T)^3 in Q40, T being four quarters and n at most one: x^3 / 12 with x = n / quarter.
+    #[inline(always)]
+    fn third(&self, n: u32) -> i64 {
+        let [inverse, twelfth] = self.inverse;
+        let x = u64::from(n).wrapping_mul(inverse) >> 32; // Q30
+        let y = u64::from(n).wrapping_mul(twelfth) >> 32; // x / 12 in Q34
+        let square = (x as u32 as u64 * x as u32 as u64) >> 29; // Q31
+        ((square as u32 as u64 * y as u32 as u64) >> 25) as i64
+    }
+}
+
+/// On which side of the play a motor is, and since where: what the reversal rule remembers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Side {
+    /// Farthest whole-step target reached on this flank.
+    extreme: i32,
+    flank: Flank,
+    /// False after power-up, until homed or preloaded: the overlay then stays.
+    known: bool,
 }
 
 /// State of one motor's play.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Play {
-    flank: Flank,
-    /// Farthest whole-step target reached on this flank.
-    extreme: i32,
+    side: Side,
     /// Overlay at rest, whole steps.
     overlay: i32,
-    take_up: TakeUp,
-    /// False after power-up, until homed or preloaded: the overlay then stays.
-    known: bool,
+    /// No take-up is on its way, and the overlay is the wanted one as long as the motor does not turn.
+    calm: bool,
+    taking_up: bool,
+}
+
+impl Side {
+    /// Steps beyond the extreme, in the direction of the flank.
+    #[inline(always)]
+    fn ahead(&self, target: i32) -> i32 {
+        target.wrapping_sub(self.extreme).wrapping_mul(self.flank.sign())
+    }
 }
 
 impl Play {
     /// At rest at a target with an overlay, on a known flank or on an unknown one.
     pub fn resting(target: i32, flank: Option<Flank>, overlay: i32) -> Self {
         Play {
-            flank: flank.unwrap_or_default(),
-            extreme: target,
+            side: Side { extreme: target, flank: flank.unwrap_or_default(), known: flank.is_some() },
             overlay,
-            take_up: TakeUp::default(),
-            known: flank.is_some(),
+            calm: false,
+            taking_up: false,
         }
     }
 
     /// The flank as tracked.
     pub fn flank(&self) -> Flank {
-        self.flank
+        self.side.flank
     }
 
     /// True once homed or preloaded.
     pub fn is_known(&self) -> bool {
-        self.known
+        self.side.known
     }
 
     /// True while a take-up is on its way.
     pub fn is_taking_up(&self) -> bool {
-        self.take_up.quarter != 0
+        self.taking_up
     }
 
     /// True when a take-up would begin with the next move.
@@ -136,8 +199,8 @@ impl Play {
     #[inline(always)]
     fn wanted(&self, config: &PlayConfig) -> i32 {
         match config.overlay {
-            Overlay::Follow if self.known => config.overlay_of(self.flank),
-            Overlay::Fixed(flank) if self.known => config.overlay_of(flank),
+            Overlay::Follow if self.side.known => config.overlay_of(self.side.flank),
+            Overlay::Fixed(flank) if self.side.known => config.overlay_of(flank),
             _ => self.overlay,
         }
     }
@@ -150,70 +213,63 @@ impl Play {
     /// The reversal rule alone: true when the target turned the flank.
     #[inline(always)]
     pub fn turn(&mut self, target: i32, dead_band: i32) -> bool {
-        let ahead = target.wrapping_sub(self.extreme).wrapping_mul(self.flank.sign());
+        let side = &mut self.side;
+        let ahead = side.ahead(target);
         if ahead >= 0 {
-            self.extreme = target;
+            side.extreme = target;
             return false;
         }
         if -ahead <= dead_band {
             return false;
         }
-        self.flank = self.flank.opposite();
-        self.extreme = target;
+        side.flank = side.flank.opposite();
+        side.extreme = target;
         true
     }
 
-    /// One segment that ends at `target` (whole steps): returns the overlay there in Q32 steps.
-    /// `moving`: a move is under way, so that a take-up may begin.
+    /// Most segments: the motor does not turn and nothing is to be taken up, so that the overlay stays. False when
+    /// it may be otherwise: then [`Play::advance`] is due, and nothing has been changed.
     #[inline(always)]
-    pub fn advance(&mut self, target: i32, moving: bool, config: &PlayConfig) -> i64 {
-        self.turn(target, config.dead_band);
-        if self.take_up.quarter == 0 {
-            let wanted = self.wanted(config);
-            if !moving || self.overlay == wanted {
-                return i64::from(self.overlay) << 32;
-            }
-            self.take_up = TakeUp { from: self.overlay, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
+    pub fn goes_on(&mut self, target: i32) -> bool {
+        let goes_on = self.calm && self.side.ahead(target) >= 0;
+        if goes_on {
+            self.side.extreme = target;
         }
-        self.continue_take_up(config)
+        goes_on
     }
 
-    /// Four phases of constant jerk, each a quarter: sigma = 16/3 x^3, then 1/2 - 2 y + 16/3 y^3 with y = 1/2 - x,
-    /// and the mirror image. Peaks for a width b and duration T: 2 b/T, 8 b/T^2, 32 b/T^3.
-    #[cold]
+    /// The configuration has changed.
+    pub fn disturb(&mut self) {
+        self.calm = false;
+    }
+
+    /// One segment that ends at `target` (whole steps): returns the overlay there in Q32 steps, and whether anything
+    /// else than the overlay of a take-up on its way has changed.
+    /// `moving`: a move is under way, so that a take-up may begin.
     #[inline(never)]
-    fn continue_take_up(&mut self, config: &PlayConfig) -> i64 {
-        let TakeUp { from, to, quarter, .. } = self.take_up;
-        self.take_up.elapsed += 1;
-        let n = self.take_up.elapsed;
-        let duration = 4 * quarter;
-        if n >= duration {
-            self.overlay = to;
-            self.take_up = TakeUp::default();
-            // the motor turned again meanwhile: the next one follows at once, even if the move is over
+    pub fn advance(&mut self, take_up: &mut TakeUp, target: i32, moving: bool, config: &PlayConfig) -> (i64, bool) {
+        let mut news = self.turn(target, config.dead_band);
+        if !self.taking_up {
             let wanted = self.wanted(config);
-            if wanted != to {
-                self.take_up = TakeUp { from: to, to: wanted, elapsed: 0, quarter: config.quarter.max(1) };
+            self.calm = self.overlay == wanted;
+            if !moving || self.calm {
+                return (i64::from(self.overlay) << 32, true);
             }
-            return i64::from(to) << 32;
+            *take_up = TakeUp::begin(self.overlay, wanted, config.quarter);
+            self.taking_up = true;
+            news = true;
         }
-        let mirrored = n > 2 * quarter;
-        let n = if mirrored { duration - n } else { n };
-        let third = |n: u32| {
-            // 16/3 (n/T)^3 in Q40 with T = 4 quarters: n^3 / (12 quarter^3)
-            let x = (u64::from(n) << 30) / u64::from(quarter); // Q30, at most 1
-            let cube = (((x * x) >> 30) * x) >> 20; // Q40
-            (cube / 12) as i64
-        };
-        let sigma = if n <= quarter {
-            third(n)
-        } else {
-            let y = 2 * quarter - n;
-            (1 << 39) - ((i64::from(y) << 40) / i64::from(2 * quarter)) + third(y)
-        };
-        let sigma = if mirrored { (1 << 40) - sigma } else { sigma };
-        let way = i64::from(to) - i64::from(from);
-        (i64::from(from) << 32) + ((way * sigma) >> 8)
+        if let Some(overlay) = take_up.advance() {
+            return (overlay, news);
+        }
+        self.overlay = take_up.to;
+        // the motor turned again meanwhile: the next one follows at once, even if the move is over
+        let wanted = self.wanted(config);
+        self.taking_up = wanted != self.overlay;
+        if self.taking_up {
+            *take_up = TakeUp::begin(self.overlay, wanted, config.quarter);
+        }
+        (i64::from(self.overlay) << 32, true)
     }
 
     /// Rolls back to rest at `target` with `overlay` whole steps, after an abort in the segment of which this
@@ -221,11 +277,12 @@ impl Play {
     pub fn abort(&mut self, target: i32, overlay: i32, dead_band: i32) {
         self.turn(target, dead_band);
         self.overlay = overlay;
-        self.take_up = TakeUp::default();
+        self.taking_up = false;
+        self.calm = false;
     }
 
     /// Moves the tracked extreme by whole steps when the count of the motor is re-anchored.
     pub fn shift(&mut self, by: i32) {
-        self.extreme = self.extreme.wrapping_add(by);
+        self.side.extreme = self.side.extreme.wrapping_add(by);
     }
 }

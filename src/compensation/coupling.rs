@@ -11,13 +11,54 @@ pub const HALF: i64 = 1 << 31;
 /// bit for bit (docs/LAW.md 3). `bits` is 31 to 46.
 #[inline(always)]
 pub fn row<const N: usize>(coefficients: &[i32; N], coordinates: &[i64; N], bits: u8) -> i64 {
-    let mut whole = 0i64;
-    let mut part = 0i64;
-    for (c, u) in coefficients.iter().zip(coordinates) {
-        whole = whole.wrapping_add(i64::from(*c) * i64::from((u >> 32) as i32));
-        part += i64::from(*c) * i64::from(*u as u32 >> 16);
+    split_row(coefficients, &coordinates.map(whole), &coordinates.map(part), factor(bits))
+}
+
+/// What brings a sum from Q`bits` to Q29 when the upper half of the product is taken. A law keeps it, because a power of
+/// two that the compiler knows would become slower shifts.
+pub fn factor(bits: u8) -> i32 {
+    1 << (61u32.wrapping_sub(bits.into()) & 31)
+}
+
+/// [`row`] for several motors at once; a leaf of its own, lest the compiler unroll it and run out of registers.
+#[inline(never)]
+pub fn rows(coefficients: &[[i32; 3]], factors: &[i32], coordinates: &[i64; 3], motors: &mut [i64]) {
+    let (wholes, parts) = (coordinates.map(whole), coordinates.map(part));
+    for ((motor, coefficients), factor) in motors.iter_mut().zip(coefficients).zip(factors) {
+        *motor = split_row(coefficients, &wholes, &parts, *factor);
     }
-    let sum = whole.wrapping_add(part >> 16);
-    let fine = if bits >= 32 { sum >> (bits - 32) } else { sum << (32 - bits) };
-    fine.wrapping_add(HALF)
+}
+
+/// [`row`] of one coordinate, with the [`factor`] of its bits.
+#[inline(always)]
+pub fn lone(coefficient: i32, coordinate: i64, factor: i32) -> i64 {
+    split_row(&[coefficient], &[whole(coordinate)], &[part(coordinate)], factor)
+}
+
+#[inline(always)]
+fn whole(coordinate: i64) -> i32 {
+    (coordinate >> 32) as i32
+}
+
+#[inline(always)]
+fn part(coordinate: i64) -> i32 {
+    (coordinate as u32 >> 16) as i32
+}
+
+#[inline(always)]
+fn split_row<const N: usize>(coefficients: &[i32; N], wholes: &[i32; N], parts: &[i32; N], factor: i32) -> i64 {
+    let dot = |u: &[i32; N]| {
+        let products = coefficients.iter().zip(u).map(|(c, u)| i64::from(*c) * i64::from(*u));
+        products.fold(0i64, i64::wrapping_add)
+    };
+    let sum = dot(wholes).wrapping_add(dot(parts) >> 16);
+    shifted(sum, factor).wrapping_add(HALF)
+}
+
+/// `sum` from Q`bits` times Q32 to Q29 and from there to Q32: a shift by a variable, as two products. What it drops is
+/// below the half that is added, so that the floor stays exact.
+#[inline(always)]
+fn shifted(sum: i64, factor: i32) -> i64 {
+    let low = (u64::from(sum as u32) * u64::from(factor as u32)) >> 32;
+    (low as i64).wrapping_add(i64::from((sum >> 32) as i32) * i64::from(factor)) << 3
 }

@@ -4,8 +4,8 @@
 //! (docs/LAW.md 2 and 3). The backlash overlay comes after, per motor.
 
 use super::calibration::{Calibration, MotorData};
-use super::coupling::row;
-use super::pivot::{Rotation, Screw, Turned, from_sixteenths, to_nanometres};
+use super::coupling::{factor, lone, rows};
+use super::pivot::{Rotary, Rotation, Screw, Turned, from_sixteenths, to_nanometres};
 use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose};
 use serde::{Deserialize, Serialize};
 
@@ -38,11 +38,12 @@ pub struct Law {
     slides: [[i32; 3]; 3],
     /// Rotary motors: 1 / step.
     gain: [i32; 3],
-    bits: [u8; AXES],
+    /// See [`factor`].
+    factors: [i32; AXES],
     /// Step sizes, Q32 nm or nrad.
     step: [u64; AXES],
     /// The rotary part.
-    rotation: Rotation,
+    rotation: Rotary,
     /// Largest distance of the pivot from a rotary axis, nm, rounded up; 0 while the pivot is not held.
     lever_nm: u64,
 }
@@ -70,9 +71,9 @@ impl Law {
         Law {
             slides,
             gain: [unit(3), unit(4), unit(5)],
-            bits: motors.map(|m| m.row_bits),
+            factors: motors.map(|m| factor(m.row_bits)),
             step: motors.map(|m| m.step_q32),
-            rotation: Rotation::default(),
+            rotation: Rotary::default(),
             lever_nm: 0,
         }
     }
@@ -80,22 +81,24 @@ impl Law {
     /// The law of a calibration; `pivot` is the point to hold, in the fibre array frame, 1/16 nm.
     pub fn new(calibration: &Calibration, switches: Switches, pivot: [i32; 3]) -> Self {
         let mut law = Law::identity(&calibration.motors);
+        let mut rotation = Rotation::default();
         if switches.compensation && switches.coupling {
             law.slides = calibration.inverse_slides;
             law.gain = calibration.rotary_gain;
-            law.rotation.tilt = calibration.tilt;
-            law.rotation.second_order = calibration.second_order;
+            rotation.tilt = calibration.tilt;
+            rotation.second_order = calibration.second_order;
         }
         if switches.compensation && switches.pivot {
-            law.rotation.held = true;
-            law.rotation.pivot = pivot_in_chip_axes(calibration, pivot);
-            law.rotation.screws = calibration.screws.map(|s| Screw {
+            rotation.held = true;
+            rotation.pivot = pivot_in_chip_axes(calibration, pivot);
+            rotation.screws = calibration.screws.map(|s| Screw {
                 angle: s.axis.index().saturating_sub(3) as u8,
                 direction: s.direction,
                 point: s.point.map(from_sixteenths),
             });
             law.lever_nm = largest_lever_nm(calibration, pivot);
         }
+        law.rotation = rotation.prepared();
         law
     }
 
@@ -104,19 +107,21 @@ impl Law {
     pub fn motors(&self, pose: &FinePose, last: &mut Remembered) -> FineSteps {
         let u = &pose.0;
         let angles = [u[3], u[4], u[5]];
-        if !last.valid || angles != last.angles {
-            *last = Remembered { angles, turned: self.rotation.turn(&angles), valid: true };
+        let change = |(a, b): (&i64, &i64)| a ^ b;
+        if !last.valid || angles.iter().zip(&last.angles).map(change).fold(0, |all, one| all | one) != 0 {
+            last.angles = angles;
+            last.valid = true;
+            self.rotation.turn(&angles, &mut last.turned);
         }
-        let Turned { actuator: q, displacement: c } = last.turned;
+        let Turned { actuator: q, displacement: c } = &last.turned;
+        let mut steps = FineSteps::default();
         let p = [u[0] - c[0], u[1] - c[1], u[2] - c[2]];
-        FineSteps([
-            row(&self.slides[0], &p, self.bits[0]),
-            row(&self.slides[1], &p, self.bits[1]),
-            row(&self.slides[2], &p, self.bits[2]),
-            row(&[self.gain[0]], &[q[0]], self.bits[3]),
-            row(&[self.gain[1]], &[q[1]], self.bits[4]),
-            row(&[self.gain[2]], &[q[2]], self.bits[5]),
-        ])
+        let (linear, rotary) = steps.0.split_at_mut(3);
+        rows(&self.slides, &self.factors[..3], &p, linear);
+        for (i, (m, q)) in rotary.iter_mut().zip(q).enumerate() {
+            *m = lone(self.gain[i], *q, self.factors[3 + i]);
+        }
+        steps
     }
 
     /// Step counts of a pose at rest.
@@ -127,7 +132,11 @@ impl Law {
     /// q_a of a pose: unrounded angles of the rotary stages, nrad in Q32 (alpha, beta, gamma).
     pub fn actuator_angles(&self, pose: Pose) -> [i64; 3] {
         let u = pose.fine().0;
-        self.rotation.turn(&[u[3], u[4], u[5]]).actuator
+        {
+            let mut turned = Turned::default();
+            self.rotation.turn(&[u[3], u[4], u[5]], &mut turned);
+            turned.actuator
+        }
     }
 
     /// The pose of motor counts: the integer Newton solution of this very law, rounded to nm and nrad,
@@ -172,9 +181,10 @@ impl Law {
 
     /// Bound on what the second-order term adds to the slope of q_a, per radian in Q32.
     pub fn second_order_bound(&self) -> u64 {
-        let row = |r: &[i32; 6]| r.iter().map(|c| u64::from(c.unsigned_abs())).sum::<u64>();
+        let row =
+            |i: usize| self.rotation.second_order().iter().map(|column| u64::from(column[i].unsigned_abs())).sum();
         // c is per radian times 2^60 / 10^9; 2 q q' doubles it
-        (self.rotation.second_order.iter().map(row).max().unwrap_or(0) * 2 * (1_000_000_000 >> 9)) >> 19
+        ([0, 1, 2].map(row).into_iter().max().unwrap_or(0) * 2 * (1_000_000_000 >> 9)) >> 19
     }
 }
 

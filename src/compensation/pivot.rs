@@ -6,9 +6,15 @@
 //! # Accuracy
 //! Better than 1 nm at levers to 60 mm and angles to 5 degrees; rounding noise below 0.02 nm.
 //! Angles are clamped to 7.69 degrees (a sixteenth of a nanoradian in 32 bits).
+//!
+//! # Cost
+//! What a Cortex-M4 multiplies in one instruction: 32 by 32 bits, the whole product added up or its upper half.
 
-/// Fractional bits of positions in here: 2^-20 nm in 64 bits.
+/// Fractional bits of positions that are given: 2^-20 nm in 64 bits.
 const POSITION_BITS: u32 = 20;
+
+/// Fractional bits of a displacement while it is summed: what a sine in Q33 times an eighth of a nanometre has.
+const SUM_BITS: u32 = 36;
 
 /// High half of a 32 x 32 bit product (SMMUL).
 #[inline(always)]
@@ -16,13 +22,14 @@ fn mul_high(a: i32, b: i32) -> i32 {
     ((i64::from(a) * i64::from(b)) >> 32) as i32
 }
 
-/// Q32 nrad to 1/16 nrad, clamped.
+/// Q32 nrad to 1/16 nrad, clamped to whole nanoradians of 28 bits.
 #[inline(always)]
 fn sixteenths(angle: i64) -> i32 {
-    (angle >> 28).clamp(-(i32::MAX as i64), i32::MAX as i64) as i32
+    const MOST: i32 = 1 << 27;
+    ((angle >> 32) as i32).clamp(-MOST, MOST - 1) << 4 | (angle as u32 >> 28) as i32
 }
 
-/// sin q in Q33 and 2 sin^2(q/2) in Q35 from q in 1/16 nrad.
+/// sin q in Q33 and 2 sin^2(q/2) in Q34 from q in 1/16 nrad.
 ///
 /// Taylor terms to q^5 and q^6: the first one left out is below 2e-11 at 7.69 degrees.
 #[inline(always)]
@@ -34,8 +41,8 @@ fn sine_versine(q: i32) -> (i32, i32) {
     let sixth = mul_high(fourth, square); // x^6, Q38
     let third = mul_high(square, 715_827_883) - (mul_high(fourth, 35_791_394) >> 2); // x^2/6 - x^4/120, Q34
     let sine = x - (mul_high(x, third) >> 2);
-    let versine = square - mul_high(fourth, 89_478_485) + mul_high(sixth, 745_654); // x^2/2 is `square` read as Q35
-    (sine, versine)
+    let versine = square - mul_high(fourth, 89_478_485) + mul_high(sixth, 745_654); // Q35: x^2/2 is `square` read so
+    (sine, versine >> 1)
 }
 
 /// A rotary stage's line at home.
@@ -49,30 +56,46 @@ pub struct Screw {
     pub point: [i64; 3],
 }
 
-/// w x r, w in Q30, in the unit of r.
-#[inline(always)]
-fn cross(w: &[i32; 3], r: &[i32; 3]) -> [i32; 3] {
-    let minor =
-        |a: i32, b: i32, c: i32, d: i32| ((i64::from(a) * i64::from(b) - i64::from(c) * i64::from(d)) >> 30) as i32;
-    [minor(w[1], r[2], w[2], r[1]), minor(w[2], r[0], w[0], r[2]), minor(w[0], r[1], w[1], r[0])]
+/// A screw as the refill needs it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Link {
+    /// Which of alpha, beta, gamma (0, 1, 2) turns about it.
+    angle: usize,
+    /// Unit direction in chip axes, Q31; one is the largest number below it.
+    direction: [i32; 3],
+    /// From the line's point to the pivot at home, 1/16 nm.
+    lever: [i32; 3],
 }
 
-impl Screw {
-    /// Turns a point (2^-20 nm) about the line by an angle in 1/16 nrad.
+impl Link {
+    /// direction x lever in 1/8 nm, and direction x that in 1/4 nm, which a versine of less than 2^-6 makes small.
+    #[inline(always)]
+    fn arms(&self, lever: [i32; 3]) -> [[i32; 3]; 2] {
+        let [x, y, z] = self.direction;
+        let minor = |a: i32, b: i32, c: i32, d: i32| mul_high(a, b) - mul_high(c, d);
+        let cross = |[u, v, w]: [i32; 3]| [minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u)];
+        let first = cross(lever);
+        [first, cross(first)]
+    }
+
+    /// Adds to the displacement of the pivot (Q36 nm) what a turn about the line by an angle in 1/16 nrad makes.
     #[inline(never)]
-    fn turn(&self, q: i32, p: &mut [i64; 3]) {
-        let (sine, versine) = sine_versine(q);
-        let mut lever = [0i32; 3]; // 1/16 nm
-        for (r, (p, c)) in lever.iter_mut().zip(p.iter().zip(&self.point)) {
-            *r = ((p - c) >> (POSITION_BITS - 4)) as i32;
+    fn turn(&self, q: i32, displacement: &mut [i64; 3]) {
+        let mut lever = self.lever;
+        for (r, way) in lever.iter_mut().zip(&*displacement) {
+            *r = r.wrapping_add((way >> 32) as i32); // Q36 to 1/16 nm
         }
-        let a = cross(&self.direction, &lever);
-        let b = cross(&self.direction, &a);
-        for (p, (a, b)) in p.iter_mut().zip(a.iter().zip(&b)) {
-            // Q33 * 1/16 nm and Q35 * 1/16 nm, to 2^-20 nm
-            *p += ((i64::from(sine) * i64::from(*a)) >> (33 + 4 - POSITION_BITS))
-                + ((i64::from(versine) * i64::from(*b)) >> (35 + 4 - POSITION_BITS));
-        }
+        swing(q, &self.arms(lever), displacement);
+    }
+}
+
+/// Adds what a turn by an angle in 1/16 nrad makes of the [arms](Link::arms).
+#[inline(always)]
+fn swing(q: i32, [first, second]: &[[i32; 3]; 2], displacement: &mut [i64; 3]) {
+    let (sine, versine) = sine_versine(q);
+    for (sum, (first, second)) in displacement.iter_mut().zip(first.iter().zip(second)) {
+        // Q33 * 1/8 nm and Q34 * 1/4 nm
+        *sum += i64::from(sine) * i64::from(*first) + i64::from(versine) * i64::from(*second);
     }
 }
 
@@ -101,47 +124,97 @@ pub struct Turned {
 }
 
 impl Rotation {
-    /// q_a and c(q_a) of logical angles (nrad in Q32).
-    #[inline(never)]
-    pub fn turn(&self, angles: &[i64; 3]) -> Turned {
-        let actuator = self.actuator_angles(angles);
-        let mut displacement = [0; 3];
-        if self.held {
-            let mut p = self.pivot;
-            for screw in &self.screws {
-                screw.turn(sixteenths(actuator[usize::from(screw.angle) % 3]), &mut p);
+    /// The same for the refill.
+    pub fn prepared(&self) -> Rotary {
+        let link = |screw: &Screw| {
+            let mut lever = [0; 3];
+            for (r, (p, c)) in lever.iter_mut().zip(self.pivot.iter().zip(&screw.point)) {
+                *r = ((p - c) >> (POSITION_BITS - 4)) as i32;
             }
-            for (c, (p, home)) in displacement.iter_mut().zip(p.iter().zip(&self.pivot)) {
-                *c = (p - home) << (32 - POSITION_BITS);
+            let direction = screw.direction.map(|w| w.saturating_mul(2));
+            Link { angle: usize::from(screw.angle % 3), direction, lever }
+        };
+        let mut columns = [[0; 3]; 9];
+        for (row, (tilt, second)) in self.tilt.iter().zip(&self.second_order).enumerate() {
+            for (k, (column, given)) in columns.iter_mut().zip(tilt.iter().chain(second)).enumerate() {
+                // the squares are taken negative
+                column[row] = if (3..6).contains(&k) { -given } else { *given };
             }
         }
-        Turned { actuator, displacement }
+        let [tip, links @ ..] = [0, 1, 2].map(|i: usize| link(&self.screws[i]));
+        Rotary { columns, tip: tip.angle, arms: tip.arms(tip.lever), links, held: self.held }
+    }
+
+    /// q_a and c(q_a) of logical angles (nrad in Q32).
+    pub fn turn(&self, angles: &[i64; 3]) -> Turned {
+        let mut turned = Turned::default();
+        self.prepared().turn(angles, &mut turned);
+        turned
+    }
+}
+
+/// [`Rotation`] in the form in which the refill evaluates it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rotary {
+    /// W^-1 - I and the second-order term, as in [`Rotation`], by columns; those of the squares negative.
+    columns: [[i32; 3]; 9],
+    /// The angle about the axis next to the tip, and what it swings: no other turn changes that.
+    tip: usize,
+    arms: [[i32; 3]; 2],
+    /// The other two, to the base.
+    links: [Link; 2],
+    held: bool,
+}
+
+impl Rotary {
+    /// q_a and c(q_a) of logical angles (nrad in Q32).
+    #[inline(never)]
+    pub fn turn(&self, angles: &[i64; 3], turned: &mut Turned) {
+        self.actuator_angles(angles, &mut turned.actuator);
+        let mut displacement = [0; 3];
+        if self.held {
+            let q = turned.actuator.map(sixteenths);
+            let angle = |which: usize| q.get(which).copied().unwrap_or(0);
+            swing(angle(self.tip), &self.arms, &mut displacement);
+            for link in &self.links {
+                link.turn(angle(link.angle), &mut displacement);
+            }
+        }
+        turned.displacement = displacement.map(|c| c >> (SUM_BITS - 32));
     }
 
     /// q_a = W^-1 a + second-order term.
-    #[inline(always)]
-    fn actuator_angles(&self, angles: &[i64; 3]) -> [i64; 3] {
-        let a = angles.map(sixteenths);
-        let products = [
-            mul_high(a[0], a[0]),
-            mul_high(a[1], a[1]),
-            mul_high(a[2], a[2]),
-            mul_high(a[0], a[1]),
-            mul_high(a[0], a[2]),
-            mul_high(a[1], a[2]),
+    #[inline(never)]
+    fn actuator_angles(&self, angles: &[i64; 3], actuator: &mut [i64; 3]) {
+        let [a, b, c] = angles.map(sixteenths);
+        // A square taken negative is not known to be positive: the compiler would make it unsigned, and its product
+        // with a signed number two instructions longer.
+        let negative_square = |x: i32| mul_high(x, x.wrapping_neg());
+        let terms = [
+            a,
+            b,
+            c,
+            negative_square(a),
+            negative_square(b),
+            negative_square(c),
+            mul_high(a, b),
+            mul_high(a, c),
+            mul_high(b, c),
         ];
-        let mut actuator = *angles;
-        for (q, (tilt, second)) in actuator.iter_mut().zip(self.tilt.iter().zip(&self.second_order)) {
-            let mut sum = 0i64; // 2^-36 nrad
-            for (t, a) in tilt.iter().zip(&a) {
-                sum += i64::from(*t) * i64::from(*a);
+        let mut sums = [0i64; 3]; // 2^-36 nrad
+        for (term, column) in terms.iter().zip(&self.columns) {
+            for (sum, factor) in sums.iter_mut().zip(column) {
+                *sum += i64::from(*factor) * i64::from(*term);
             }
-            for (s, p) in second.iter().zip(&products) {
-                sum += i64::from(*s) * i64::from(*p);
-            }
-            *q += sum >> 4;
         }
-        actuator
+        for ((q, angle), sum) in actuator.iter_mut().zip(angles).zip(sums) {
+            *q = angle + (sum >> 4);
+        }
+    }
+
+    /// The second-order term by its six products, per radian times 2^60 / 10^9 but for signs.
+    pub fn second_order(&self) -> &[[i32; 3]] {
+        &self.columns[3..]
     }
 }
 

@@ -50,12 +50,6 @@ pub enum Action {
         /// Its overlay, whole steps.
         overlay: i32,
     },
-    /// The motor rests on the reference flank, without overlay: its count is what it says. Only at standstill; an
-    /// [`Action::Anchor`] follows.
-    Reference {
-        /// Which motor.
-        motor: u8,
-    },
     /// Pulse timing and sense of the motors. Only at standstill.
     Pulses(Timing),
 }

@@ -9,37 +9,107 @@
 //! An abort must name a segment among the last [`HISTORY`] ones.
 
 use super::border::{Action, Order, Orders, Report};
-use crate::compensation::backlash::{Flank, Play, PlayConfig};
+use crate::compensation::backlash::{Flank, Play, PlayConfig, TakeUp};
 use crate::compensation::coupling::HALF;
 use crate::compensation::law::{Law, Remembered};
 use crate::motion::planner::SLOTS;
 use crate::motion::track::Track;
-use crate::stepgen::segment::{Emitter, Words, clear, place_all};
-use crate::stepgen::timing::Timing;
+use crate::stepgen::segment::{Emitter, Words, clear};
+use crate::stepgen::timing::{Line, Timing};
 use crate::units::{AXES, FinePose, FineSteps, MotorSteps, SEGMENT_TICKS};
 
 /// Segments whose start state is kept: the ring of the board, the one in the making, and slack.
 pub const HISTORY: usize = 8;
 
 /// A track and the segment with which it began.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Running {
     track: Track,
     start: u64,
     cursor: u8,
+    /// The axes that the track moves.
+    axes: u8,
+}
+
+/// Where a motor stands at a border of segments: what a roll-back needs, small enough to be copied in a few
+/// instructions.
+#[derive(Clone, Copy, Debug, Default)]
+struct Standing {
+    /// Law's target, half added.
+    target: i64,
+    /// Target plus overlay: what the steps follow.
+    position: i64,
+    emitter: Emitter,
+    play: Play,
+}
+
+/// One motor.
+#[derive(Clone, Copy, Debug)]
+struct Motor {
+    /// At the end of what was generated.
+    now: Standing,
+    take_up: TakeUp,
+    config: PlayConfig,
+    line: Line,
+}
+
+/// What reports say of a segment, bit n = axis or motor n.
+#[derive(Clone, Copy, Debug, Default)]
+struct Flags {
+    moving: u8,
+    taking_up: u8,
+    negative: u8,
+    known: u8,
+    owing: u8,
+}
+
+/// What reports say of a border of segments.
+#[derive(Clone, Copy, Debug, Default)]
+struct Brief {
+    /// Counts, overlay included.
+    counts: MotorSteps,
+    /// Counts without overlay.
+    steps: MotorSteps,
+    flags: Flags,
 }
 
 /// State at the start of a segment, for reports and for the roll-back.
 #[derive(Clone, Copy, Debug, Default)]
 struct Start {
     segment: u64,
-    /// Law's targets, half added.
-    target: FineSteps,
-    /// Targets plus overlay: what the steps follow.
-    motor: FineSteps,
-    emitters: [Emitter; AXES],
-    plays: [Play; AXES],
-    moving: u8,
+    brief: Brief,
+    motors: [Standing; AXES],
+}
+
+/// Motors that stepped up, down, in each of the last eight segments: a byte a segment, the last one lowest.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stepping {
+    up: u64,
+    down: u64,
+}
+
+impl Stepping {
+    #[inline(always)]
+    fn push(&mut self, up: u8, down: u8) {
+        self.up = self.up << 8 | u64::from(up);
+        self.down = self.down << 8 | u64::from(down);
+    }
+
+    /// Motors that stepped up, down, in any of the last segments.
+    #[inline(always)]
+    fn last(&self, segments: u64) -> (u8, u8) {
+        let kept = match segments {
+            0 => return (0, 0),
+            1..=7 => (1 << (8 * segments)) - 1,
+            _ => u64::MAX,
+        };
+        let any = |history: u64| {
+            let half = (history & kept) as u32 | ((history & kept) >> 32) as u32;
+            let quarter = half | half >> 16;
+            (quarter | quarter >> 8) as u8
+        };
+        (any(self.up), any(self.down))
+    }
 }
 
 /// Profile, law, backlash and placement of all motors.
@@ -47,12 +117,16 @@ pub struct Generator {
     law: Law,
     remembered: Remembered,
     base: FinePose,
-    tracks: [Option<Running>; SLOTS],
-    plays: [Play; AXES],
-    configs: [PlayConfig; AXES],
-    target: FineSteps,
-    motor: FineSteps,
-    emitters: [Emitter; AXES],
+    tracks: [Running; SLOTS],
+    /// Bit n: slot n has a track.
+    running: u8,
+    /// Axes that the tracks move, bit n = axis n.
+    moving: u8,
+    motors: [Motor; AXES],
+    /// A step waits.
+    waiting: bool,
+    brief: Brief,
+    overlay: [i32; AXES],
     timing: Timing,
     segment: u64,
     /// The last segment with a track, a take-up or a waiting step in it, plus one.
@@ -64,25 +138,32 @@ pub struct Generator {
     halted: u64,
     /// Segments completely played, as far as known.
     played: u64,
+    stepping: Stepping,
     history: [Start; HISTORY],
-    /// Motors that step up, down, in each of the segments of the history.
-    stepping: [[u8; 2]; HISTORY],
+    /// How many of the last entries of the history say what is the case now.
+    steady: u8,
 }
 
 impl Generator {
     /// At rest at pose zero, counts zero, flanks unknown.
     pub fn new(law: Law, timing: Timing) -> Self {
-        let rest = FineSteps([HALF; AXES]);
+        let motor = |line: Line| Motor {
+            now: Standing { target: HALF, position: HALF, ..Standing::default() },
+            take_up: TakeUp::default(),
+            config: PlayConfig::default(),
+            line,
+        };
         let mut generator = Generator {
             law,
             remembered: Remembered::default(),
             base: FinePose::default(),
-            tracks: [None; SLOTS],
-            plays: [Play::default(); AXES],
-            configs: [PlayConfig::default(); AXES],
-            target: rest,
-            motor: rest,
-            emitters: Default::default(),
+            tracks: [Running::default(); SLOTS],
+            running: 0,
+            moving: 0,
+            motors: timing.lines().map(motor),
+            waiting: false,
+            brief: Brief::default(),
+            overlay: [0; AXES],
             timing,
             segment: 0,
             busy_until: 0,
@@ -91,8 +172,9 @@ impl Generator {
             aborts: 0,
             halted: 0,
             played: 0,
+            stepping: Stepping::default(),
             history: [Start::default(); HISTORY],
-            stepping: [[0; 2]; HISTORY],
+            steady: 0,
         };
         generator.anchor(FinePose::default(), MotorSteps::default());
         generator
@@ -100,54 +182,128 @@ impl Generator {
 
     /// Writes the words of the next segment. `played`: segments completely played so far.
     pub fn refill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
+        self.fill(orders, played, words, false)
+    }
+
+    /// [`Generator::refill`] for words that hardware has cleared: each is
+    /// [`RESET_STEPS`](crate::stepgen::pins::RESET_STEPS), which is what [`clear`] writes on a grid of one tick.
+    pub fn refill_cleared(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
+        self.fill(orders, played, words, true)
+    }
+
+    #[inline(always)]
+    fn fill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words, cleared: bool) -> Report {
         self.played = played;
-        self.take_orders(orders);
-        let moving = self.moving_axes();
-        self.remember(moving);
-        let busy =
-            moving != 0 || self.plays.iter().any(Play::is_taking_up) || self.emitters.iter().any(|e| e.waiting() != 0);
-        if busy {
-            if self.segment > self.busy_until + 2 {
-                self.emitters.iter_mut().for_each(|e| e.rested(first_tick(self.segment)));
-            }
-            self.step(moving != 0, words);
-            self.busy_until = self.segment + 1;
-        } else {
+        if orders.peek().is_some() {
+            self.take_orders(orders);
+        }
+        if !cleared || self.timing.grid() != 1 {
             clear(words, &self.timing);
-            self.stepping[(self.segment % HISTORY as u64) as usize] = [0; 2];
+        }
+        let moving = self.running != 0;
+        if moving || self.waiting || self.brief.flags.taking_up != 0 {
+            if self.segment > self.busy_until + 2 {
+                self.motors.iter_mut().for_each(|motor| motor.now.emitter.rested(first_tick(self.segment)));
+            }
+            let targets = if moving { self.next_targets() } else { self.targets() };
+            self.follow(&targets, moving, words);
+            self.busy_until = self.segment + 1;
+            self.steady = 0;
+        } else {
+            self.stand();
         }
         self.segment += 1;
         self.report(played)
     }
 
-    /// One segment of motion.
+    /// The law's targets at the end of this segment.
     #[inline(always)]
-    fn step(&mut self, moving: bool, words: &mut Words) {
-        if moving {
-            let pose = self.advance_tracks();
-            self.target = self.law.motors(&pose, &mut self.remembered);
-        }
-        let from = self.motor;
-        for i in 0..AXES {
-            let target = self.target.0[i];
-            let overlay = self.plays[i].advance((target >> 32) as i32, moving, &self.configs[i]);
-            self.motor.0[i] = target.wrapping_add(overlay);
-        }
-        self.note_stepping(&from);
-        place_all(&mut self.emitters, &from, &self.motor, first_tick(self.segment), &self.timing, words);
+    fn next_targets(&mut self) -> FineSteps {
+        let pose = self.advance_tracks();
+        self.law.motors(&pose, &mut self.remembered)
     }
 
-    /// Which motors this segment steps, from where they stood at its start.
-    #[inline(never)]
-    fn note_stepping(&mut self, from: &FineSteps) {
-        let mut both = [0; 2];
-        for (i, (to, from)) in self.motor.0.iter().zip(&from.0).enumerate() {
-            let due = ((to >> 32) as i32).wrapping_sub((from >> 32) as i32);
-            let waiting = self.emitters[i].waiting();
-            both[0] |= u8::from(due > 0 || waiting > 0) << i;
-            both[1] |= u8::from(due < 0 || waiting < 0) << i;
+    /// One segment of motion: remembers every motor, takes up its play and places its steps. Unless `moving` only
+    /// the overlays move.
+    #[inline(always)]
+    fn follow(&mut self, targets: &FineSteps, moving: bool, words: &mut Words) {
+        let base = first_tick(self.segment);
+        let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
+        start.segment = self.segment;
+        start.brief = self.brief;
+        let (motors, starts) = (&mut self.motors, &mut start.motors);
+        let news = if self.timing.grid() == 1 {
+            follow_all::<true>(motors, starts, &targets.0, moving, base, words)
+        } else {
+            follow_all::<false>(motors, starts, &targets.0, moving, base, words)
+        };
+        self.brief.flags.moving = self.moving;
+        let before = self.brief.counts;
+        if news {
+            self.look_at_motors();
+        } else {
+            for (i, motor) in self.motors.iter().enumerate() {
+                self.brief.counts.0[i] = (motor.now.position >> 32) as i32;
+                self.brief.steps.0[i] = (motor.now.target >> 32) as i32;
+            }
         }
-        self.stepping[(self.segment % HISTORY as u64) as usize] = both;
+        self.note_stepping(&before);
+    }
+
+    /// Which motors this segment steps, or owes a step, from the counts at its start.
+    #[inline(always)]
+    fn note_stepping(&mut self, before: &MotorSteps) {
+        let (mut up, mut down) = (0, 0);
+        for (i, (now, before)) in self.brief.counts.0.iter().zip(&before.0).enumerate() {
+            let by = now.wrapping_sub(*before);
+            up |= u8::from(by > 0) << i;
+            down |= u8::from(by < 0) << i;
+        }
+        if self.waiting {
+            for (i, motor) in self.motors.iter().enumerate() {
+                up |= u8::from(motor.now.emitter.waiting() > 0) << i;
+                down |= u8::from(motor.now.emitter.waiting() < 0) << i;
+            }
+        }
+        self.stepping.push(up, down);
+    }
+
+    /// A segment in which nothing moves.
+    #[inline(always)]
+    fn stand(&mut self) {
+        self.stepping.push(0, 0);
+        let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
+        start.segment = self.segment;
+        if usize::from(self.steady) < HISTORY {
+            self.come_to_rest();
+        }
+    }
+
+    /// One of the first segments in which nothing moves.
+    #[inline(never)]
+    fn come_to_rest(&mut self) {
+        let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
+        self.steady += 1;
+        start.brief = self.brief;
+        start.motors = self.motors.map(|motor| motor.now);
+    }
+
+    /// What reports say of the motors and what waits, after something has happened to one.
+    #[inline(never)]
+    fn look_at_motors(&mut self) {
+        let mut flags = Flags { moving: self.moving, ..Flags::default() };
+        self.waiting = false;
+        for (i, Motor { now, config, .. }) in self.motors.iter().enumerate() {
+            self.waiting |= now.emitter.waiting() != 0;
+            self.overlay[i] = now.play.overlay();
+            self.brief.counts.0[i] = now.emitter.emitted();
+            self.brief.steps.0[i] = (now.target >> 32) as i32;
+            flags.taking_up |= u8::from(now.play.is_taking_up()) << i;
+            flags.negative |= u8::from(now.play.flank() == Flank::Negative) << i;
+            flags.known |= u8::from(now.play.is_known()) << i;
+            flags.owing |= u8::from(now.play.owes(config)) << i;
+        }
+        self.brief.flags = flags;
     }
 
     /// The pose at the end of this segment; tracks that end are merged into the base, exactly.
@@ -155,96 +311,112 @@ impl Generator {
     fn advance_tracks(&mut self) -> FinePose {
         let border = self.segment + 1;
         let mut pose = self.base;
-        for slot in &mut self.tracks {
-            let Some(running) = slot else { continue };
+        let mut left = self.running;
+        while left != 0 {
+            let slot = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let Some(running) = self.tracks.get_mut(slot) else { break };
             let elapsed = (border - running.start).min(u64::from(u32::MAX)) as u32;
-            let ended = elapsed >= running.track.profile.duration();
-            let contribution = running.track.contribution(elapsed, &mut running.cursor);
-            for (u, c) in pose.0.iter_mut().zip(&contribution) {
-                *u = u.wrapping_add(*c);
-            }
-            if ended {
-                for (u, c) in self.base.0.iter_mut().zip(&contribution) {
-                    *u = u.wrapping_add(*c);
-                }
-                *slot = None;
+            if elapsed < running.track.profile.duration() {
+                let position = running.track.profile.position(elapsed, &mut running.cursor);
+                running.track.add_to(&mut pose, position);
+            } else {
+                self.end(slot, &mut pose);
             }
         }
         pose
     }
 
-    fn moving_axes(&self) -> u8 {
-        self.tracks.iter().flatten().fold(0, |mask, running| mask | running.track.axes())
+    /// A track has come to its end, which goes into the base.
+    #[cold]
+    #[inline(never)]
+    fn end(&mut self, slot: usize, pose: &mut FinePose) {
+        if let Some(Running { track, .. }) = self.tracks.get(slot) {
+            for ((u, base), end) in pose.0.iter_mut().zip(&mut self.base.0).zip(&track.end) {
+                *u = u.wrapping_add(*end);
+                *base = base.wrapping_add(*end);
+            }
+        }
+        self.running &= !(1 << slot);
+        self.look_at_tracks();
     }
 
+    /// Which axes move.
+    fn look_at_tracks(&mut self) {
+        let runs = |slot: &usize| self.running >> slot & 1 != 0;
+        self.moving = (0..SLOTS).filter(runs).fold(0, |mask, slot| mask | self.tracks[slot].axes);
+    }
+
+    #[inline(never)]
     fn take_orders(&mut self, orders: &mut impl Orders) {
         while let Some(order) = orders.peek() {
             if order.segment.is_some_and(|segment| segment > self.segment) {
                 return;
             }
             let late = order.segment.is_some_and(|segment| segment < self.segment);
-            let order = *order;
-            orders.pop();
-            let accepted = !late && order.aborts == self.aborts && self.apply(&order);
+            let accepted = !late && order.aborts == self.aborts && self.apply(order);
             self.answered = order.sequence;
             self.refused = self.refused << 1 | u32::from(!accepted);
+            orders.pop();
         }
+        self.look_at_tracks();
+        self.look_at_motors();
+        self.steady = 0;
     }
 
     /// Applies an order; false when the state does not allow it.
     fn apply(&mut self, order: &Order) -> bool {
-        let at_rest = self.tracks.iter().all(Option::is_none) && !self.plays.iter().any(Play::is_taking_up);
-        match order.action {
-            Action::Run { slot, track } => match self.tracks.get_mut(usize::from(slot)) {
+        let at_rest = self.running == 0 && !self.motors.iter().any(|motor| motor.now.play.is_taking_up());
+        match &order.action {
+            Action::Run { slot, track } => match self.tracks.get_mut(usize::from(*slot)) {
                 Some(place) => {
-                    *place = Some(Running { track, start: self.segment, cursor: 0 });
+                    place.track = *track;
+                    (place.start, place.cursor, place.axes) = (self.segment, 0, track.axes());
+                    self.running |= 1 << slot;
                     true
                 }
                 None => false,
             },
-            Action::Play { motor, config } => match self.configs.get_mut(usize::from(motor)) {
-                Some(place) => {
-                    *place = config;
+            Action::Play { motor, config } => match self.motors.get_mut(usize::from(*motor)) {
+                Some(motor) => {
+                    motor.config = *config;
+                    motor.now.play.disturb();
                     true
                 }
                 None => false,
             },
             _ if !at_rest => false,
             Action::Law(law) => {
-                self.law = law;
+                self.law = *law;
                 self.remembered = Remembered::default();
                 true
             }
             Action::Anchor { pose, steps } => {
-                self.anchor(pose.fine(), steps);
+                self.anchor(pose.fine(), *steps);
                 true
             }
-            Action::Flank { motor, flank } => match self.plays.get_mut(usize::from(motor)) {
-                Some(play) => {
-                    let target = (self.target.0[usize::from(motor)] >> 32) as i32;
-                    *play = Play::resting(target, flank, play.overlay());
+            Action::Flank { motor, flank } => match self.motors.get_mut(usize::from(*motor)) {
+                Some(motor) => {
+                    let now = &mut motor.now;
+                    now.play = Play::resting((now.target >> 32) as i32, *flank, now.play.overlay());
                     true
                 }
                 None => false,
             },
-            Action::Rest { motor, flank, overlay } => match self.plays.get_mut(usize::from(motor)) {
-                Some(play) => {
-                    let target = (self.target.0[usize::from(motor)] >> 32) as i32;
-                    *play = Play::resting(target, flank, overlay);
-                    true
-                }
-                None => false,
-            },
-            Action::Reference { motor } => match self.plays.get_mut(usize::from(motor)) {
-                Some(play) => {
-                    let config = &self.configs[usize::from(motor)];
-                    *play = Play::resting((self.target.0[usize::from(motor)] >> 32) as i32, Some(config.reference), 0);
+            Action::Rest { motor, flank, overlay } => match self.motors.get_mut(usize::from(*motor)) {
+                Some(motor) => {
+                    let now = &mut motor.now;
+                    now.play = Play::resting((now.target >> 32) as i32, *flank, *overlay);
                     true
                 }
                 None => false,
             },
             Action::Pulses(timing) => {
-                self.timing = timing;
+                self.timing = *timing;
+                for (motor, line) in self.motors.iter_mut().zip(timing.lines()) {
+                    motor.line = *line;
+                    motor.now.emitter.disturb();
+                }
                 true
             }
         }
@@ -254,18 +426,20 @@ impl Generator {
     fn anchor(&mut self, pose: FinePose, steps: MotorSteps) {
         self.base = pose;
         let law = self.law.motors(&pose, &mut self.remembered);
-        for i in 0..AXES {
-            let count = i64::from(steps.0[i]);
-            let shift = steps.0[i].wrapping_sub((self.target.0[i] >> 32) as i32);
-            self.plays[i].shift(shift);
-            self.target.0[i] = if law.0[i] >> 32 == count { law.0[i] } else { (count << 32) + HALF };
-            self.motor.0[i] = self.target.0[i] + (i64::from(self.plays[i].overlay()) << 32);
-            self.emitters[i].set_count((self.motor.0[i] >> 32) as i32);
+        for (motor, (law, steps)) in self.motors.iter_mut().zip(law.0.into_iter().zip(steps.0)) {
+            let now = &mut motor.now;
+            let count = i64::from(steps);
+            now.play.shift(steps.wrapping_sub((now.target >> 32) as i32));
+            now.target = if law >> 32 == count { law } else { (count << 32) + HALF };
+            now.position = now.target + (i64::from(now.play.overlay()) << 32);
+            now.emitter.set_count((now.position >> 32) as i32);
         }
+        self.moving = 0;
+        self.look_at_motors();
         // what is still to be played is silence: reports and an abort in it speak of the new counts
-        let Generator { target, motor, emitters, plays, .. } = *self;
+        let (motors, brief) = (self.motors.map(|motor| motor.now), self.brief);
         for start in &mut self.history {
-            *start = Start { segment: start.segment, target, motor, emitters, plays, ..Start::default() };
+            *start = Start { segment: start.segment, brief, motors };
         }
     }
 
@@ -274,30 +448,37 @@ impl Generator {
     /// that was not generated there was silence, and all that was generated before it has been played.
     pub fn abort(&mut self, segment: u64, tick: usize, words: &Words) {
         let tick = tick.min(SEGMENT_TICKS);
-        let end = self.start_of(segment + 1).map_or((self.target, self.motor), |next| (next.target, next.motor));
+        let ends = match self.start_of(segment + 1) {
+            Some(next) => next.motors.map(|now| (now.target, now.position)),
+            None => self.motors.map(|motor| (motor.now.target, motor.now.position)),
+        };
         self.aborts = self.aborts.wrapping_add(1);
-        self.tracks = [None; SLOTS];
+        self.running = 0;
         let (start, words, tick) = match self.start_of(segment) {
-            Some(start) => (*start, words, tick),
-            None => (self.now(), &[0; SEGMENT_TICKS], 0),
+            Some(start) => (start.motors, words, tick),
+            None => (self.motors.map(|motor| motor.now), &[0; SEGMENT_TICKS], 0),
         };
         let at = |from: i64, to: i64| from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64;
         let played = words.get(..tick).unwrap_or(words);
         let (base, resume) = (first_tick(segment), first_tick(segment + 1));
-        for i in 0..AXES {
-            self.emitters[i] = Emitter::after_abort(&start.emitters[i], &self.timing.lines()[i], played, base, resume);
-            let count = self.emitters[i].emitted();
-            let target = at(start.target.0[i], end.0.0[i]) >> 32;
-            let overlay = (at(start.motor.0[i], end.1.0[i]) >> 32) - target;
+        for (i, (motor, start)) in self.motors.iter_mut().zip(&start).enumerate() {
+            let emitter = Emitter::after_abort(&start.emitter, &motor.line, played, base, resume);
+            let count = emitter.emitted();
+            let target = at(start.target, ends[i].0) >> 32;
+            let overlay = (at(start.position, ends[i].1) >> 32) - target;
             let steps = i64::from(count) - overlay;
-            self.plays[i] = start.plays[i];
-            self.plays[i].abort(steps as i32, overlay as i32, self.configs[i].dead_band);
-            self.target.0[i] = (steps << 32) + HALF;
-            self.motor.0[i] = (i64::from(count) << 32) + HALF;
+            let mut play = start.play;
+            play.abort(steps as i32, overlay as i32, motor.config.dead_band);
+            let (target, position) = ((steps << 32) + HALF, (i64::from(count) << 32) + HALF);
+            motor.now = Standing { target, position, emitter, play };
         }
+        self.moving = 0;
+        self.look_at_motors();
+        self.steady = 0;
         self.segment = segment + 1;
         self.busy_until = self.segment;
         (self.halted, self.played) = (segment, self.segment);
+        self.stepping = Stepping::default();
     }
 
     fn start_of(&self, segment: u64) -> Option<&Start> {
@@ -306,29 +487,11 @@ impl Generator {
             .filter(|start| start.segment == segment && segment < self.segment)
     }
 
-    /// The state at the end of what was generated.
-    fn now(&self) -> Start {
-        Start {
-            segment: self.segment,
-            target: self.target,
-            motor: self.motor,
-            emitters: self.emitters,
-            plays: self.plays,
-            ..Start::default()
-        }
-    }
-
-    #[inline(always)]
-    fn remember(&mut self, moving: u8) {
-        let now = Start { moving, ..self.now() };
-        if let Some(place) = self.history.get_mut((self.segment % HISTORY as u64) as usize) {
-            *place = now;
-        }
-    }
-
     /// Takes orders and reports, while nothing plays and no segment is made.
     pub fn attend(&mut self, orders: &mut impl Orders) -> Report {
-        self.take_orders(orders);
+        if orders.peek().is_some() {
+            self.take_orders(orders);
+        }
         self.report(self.segment)
     }
 
@@ -337,82 +500,95 @@ impl Generator {
         self.segment
     }
 
+    /// Motors that may be stepping up, down, in what plays or waits to be played.
+    pub fn stepping(&self) -> (u8, u8) {
+        self.stepping.last(self.segment.saturating_sub(self.played))
+    }
+
     /// State at the end of the segments completely played, of which there are `played`.
+    #[inline(always)]
     pub fn report(&self, played: u64) -> Report {
-        let mut report = Report {
+        let Brief { counts, steps, flags } = match self.start_of(played) {
+            Some(start) => &start.brief,
+            None => &self.brief,
+        };
+        let (stepping_up, stepping_down) = self.stepping.last(self.segment.saturating_sub(played));
+        Report {
             next: self.segment,
             played,
             answered: self.answered,
             refused: self.refused,
-            final_steps: self.target.floor(),
+            counts: *counts,
+            steps: *steps,
+            final_steps: self.brief.steps,
+            moving: flags.moving,
+            taking_up: flags.taking_up,
+            negative: flags.negative,
+            known: flags.known,
+            owing: flags.owing,
+            overlay: self.overlay,
             settled: played >= self.busy_until,
             aborts: self.aborts,
             halted: self.halted,
-            overlay: self.plays.map(|p| p.overlay()),
+            stepping_up,
+            stepping_down,
             ..Report::default()
-        };
-        let plays = match self.start_of(played) {
-            Some(start) => {
-                report.counts = counts_of(&start.emitters);
-                report.steps = start.target.floor();
-                report.moving = start.moving;
-                &start.plays
-            }
-            None => {
-                report.counts = counts_of(&self.emitters);
-                report.steps = report.final_steps;
-                report.moving = self.moving_axes();
-                &self.plays
-            }
-        };
-        (report.stepping_up, report.stepping_down) = self.stepping_from(played);
-        for (i, (play, config)) in plays.iter().zip(&self.configs).enumerate() {
-            report.taking_up |= u8::from(play.is_taking_up()) << i;
-            report.negative |= u8::from(play.flank() == Flank::Negative) << i;
-            report.known |= u8::from(play.is_known()) << i;
-            report.owing |= u8::from(play.owes(config)) << i;
         }
-        report
-    }
-
-    /// Motors that may be stepping up, down, in what plays or waits to be played.
-    pub fn stepping(&self) -> (u8, u8) {
-        self.stepping_from(self.played)
-    }
-
-    /// The same from a segment on.
-    fn stepping_from(&self, first: u64) -> (u8, u8) {
-        let mut both = [0; 2];
-        for segment in first.max(self.segment.saturating_sub(HISTORY as u64))..self.segment {
-            let [up, down] = self.stepping[(segment % HISTORY as u64) as usize];
-            both = [both[0] | up, both[1] | down];
-        }
-        (both[0], both[1])
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests
     /// and telemetry.
     pub fn motor_positions(&self) -> FineSteps {
-        self.motor
+        FineSteps(self.motors.map(|motor| motor.now.position))
     }
 
     /// The law's unrounded targets, one half included, at the end of what was generated.
     pub fn targets(&self) -> FineSteps {
-        self.target
+        FineSteps(self.motors.map(|motor| motor.now.target))
     }
 
     /// Counts emitted and steps waiting of a motor at the end of what was generated.
     pub fn emitted(&self, motor: usize) -> (i32, i32) {
-        let emitter = &self.emitters[motor];
+        let emitter = &self.motors[motor].now.emitter;
         (emitter.emitted(), emitter.waiting())
     }
+}
+
+/// One segment of every motor to new targets: true where a play or an emitter has news. A leaf of its own with
+/// slices, lest the compiler unroll the motors and run out of registers. `UNIT`: the grid is one tick.
+#[inline(never)]
+fn follow_all<const UNIT: bool>(
+    motors: &mut [Motor],
+    starts: &mut [Standing],
+    targets: &[i64],
+    moving: bool,
+    base: u32,
+    words: &mut Words,
+) -> bool {
+    let mut any = false;
+    for ((Motor { now, take_up, config, line }, start), target) in motors.iter_mut().zip(starts).zip(targets) {
+        *start = *now;
+        now.target = *target;
+        let whole = (*target >> 32) as i32;
+        let overlay = if now.play.goes_on(whole) {
+            i64::from(now.play.overlay()) << 32
+        } else {
+            let (overlay, news) = now.play.advance(take_up, whole, moving, config);
+            if news {
+                any = true;
+            }
+            overlay
+        };
+        let from = now.position;
+        now.position = target.wrapping_add(overlay);
+        if now.emitter.place::<UNIT>(line, from, now.position, base, words) {
+            any = true;
+        }
+    }
+    any
 }
 
 /// Tick of the first word of a segment; wraps.
 fn first_tick(segment: u64) -> u32 {
     (segment as u32).wrapping_mul(SEGMENT_TICKS as u32)
-}
-
-fn counts_of(emitters: &[Emitter; AXES]) -> MotorSteps {
-    MotorSteps(emitters.map(|e| e.emitted()))
 }

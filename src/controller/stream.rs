@@ -158,7 +158,7 @@ impl Stream {
 
     fn make(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders, played: u64) {
         let slot = (self.generator.next_segment() - self.origin) % RING as u64;
-        self.generator.refill(orders, played, sink.slot(slot as usize));
+        self.generator.refill_cleared(orders, played, sink.slot(slot as usize));
     }
 
     fn roll_back(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders, halt: Halt) {

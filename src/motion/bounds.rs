@@ -4,7 +4,9 @@
 //! Linear axes make it straight; rotary ones bend it through the rotation centre: with a lever r and an angular
 //! way theta per path unit, |c''| <= r theta^2 and |c'''| <= r theta^3 (sums over the rotary axes), to which the
 //! second-order term of q_a adds its own part. The slope is taken from samples of the law itself; between two
-//! samples h apart it differs from their mean by at most m'' h / 2.
+//! samples h apart it differs from their mean by at most m'' h / 2. Where nothing else turns meanwhile the curvature
+//! is taken from the samples too: a second difference is the curvature somewhere between its three samples, from
+//! which it differs by at most m''' 2 h.
 
 use crate::compensation::law::{Law, Remembered};
 use crate::motion::track::scale;
@@ -30,10 +32,15 @@ pub struct Path {
 }
 
 /// Bounds of all motors along a path.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Bounds {
     /// |m'|, steps per path unit, Q16.
     pub slope: [u64; AXES],
+    /// The same for each stretch of a path that turns, from its beginning to its end; none where it is straight, or
+    /// where others turn meanwhile.
+    pub stretches: heapless::Vec<[u64; AXES], { SAMPLES as usize }>,
+    /// The path begins and ends at rest at 0 and 1, and is never left beyond them.
+    pub rests: bool,
     /// |m''|, steps per path unit squared, Q16.
     pub curvature: [u64; AXES],
     /// |m'''|, steps per path unit cubed, Q16.
@@ -95,11 +102,21 @@ impl Bounds {
             }
             law.motors(&pose, &mut remembered).0
         };
-        let mut last = at(path.from);
-        (bounds.lowest, bounds.highest) = (last, last);
-        bounds.ends = [last, at(path.to)];
-        for k in 1..=count {
-            let motors = at(if k == count { path.to } else { path.from + stretch * k });
+        let mut samples = [[0i64; AXES]; SAMPLES as usize + 1];
+        let used = &mut samples[..=count as usize];
+        for (k, sample) in (0..).zip(used.iter_mut()) {
+            *sample = at(if k == count { path.to } else { path.from + stretch * k });
+        }
+        bounds.ends = [used[0], used[count as usize]];
+        (bounds.lowest, bounds.highest) = (used[0], used[0]);
+        if others == 0 && count > 1 {
+            for i in 0..AXES {
+                bounds.straighten(law, i, used, stretch);
+            }
+        }
+        for pair in used.windows(2) {
+            let before = core::mem::take(&mut bounds.slope);
+            let [last, motors] = [pair[0], pair[1]];
             for i in 0..AXES {
                 let way = motors[i].abs_diff(last[i]);
                 // where it does not turn back, its ends are its extremes
@@ -109,7 +126,12 @@ impl Bounds {
                 bounds.highest[i] = bounds.highest[i].max(motors[i].max(last[i]) + bulge);
                 bounds.raise_slope(law, i, way, stretch, turns);
             }
-            last = motors;
+            if others == 0 && count > 1 {
+                let between = bounds.curvature.map(|curvature| product_q60(curvature, stretch) / 2);
+                let steepest = core::array::from_fn(|i| bounds.slope[i].saturating_add(between[i]));
+                let _ = bounds.stretches.push(steepest);
+            }
+            bounds.slope = core::array::from_fn(|i| bounds.slope[i].max(before[i]));
         }
         if !turns {
             // straight: one path unit gives the slope, the same for every stretch of it
@@ -143,17 +165,37 @@ impl Bounds {
         if self.turning == 0 { 0 } else { product_q60(self.turning, path.to - path.from) + 1 }
     }
 
+    /// Lowers the curvature of a motor to what samples `stretch` apart show.
+    fn straighten(&mut self, law: &Law, i: usize, samples: &[[i64; AXES]], stretch: i64) {
+        let second = |three: &[[i64; AXES]]| (three[2][i] - three[1][i]).abs_diff(three[1][i] - three[0][i]);
+        let largest = samples.windows(3).map(second).max().unwrap_or(u64::MAX);
+        // a second difference has four times the rounding of a sample
+        let noise = (1u64 << 62) / law.step_q32(i).max(1);
+        // Q32 steps over a stretch squared, to Q16 steps per path unit squared
+        let sum = u128::from(largest) + u128::from(noise);
+        let shown = over_stretch(over_stretch(sum << 60, stretch) << 44, stretch);
+        let shown = u64::try_from(shown + 1).unwrap_or(u64::MAX);
+        let apart = product_q60(self.third[i], stretch).saturating_mul(2).saturating_add(1);
+        self.curvature[i] = self.curvature[i].min(shown.saturating_add(apart));
+    }
+
     /// A motor goes `way` (Q32 steps) over a stretch of the path.
     fn raise_slope(&mut self, law: &Law, i: usize, way: u64, stretch: i64, turns: bool) {
         // the law's rounding: units in the last place where it is straight, a sixteenth nm or nrad where it turns
-        let noise = if turns { (1u128 << 60) / u128::from(law.step_q32(i).max(1)) } else { 2 };
-        if !turns && u128::from(way) <= noise {
+        let noise = if turns { (1u64 << 60) / law.step_q32(i).max(1) } else { 128 };
+        if !turns && way <= noise {
             return;
         }
         // Q32 steps over a stretch in Q60, to Q16 steps per path unit
-        let slope = ((u128::from(way) + noise) << 44) / u128::from(stretch.unsigned_abs().max(1)) + 1;
+        let slope = over_stretch((u128::from(way) + u128::from(noise)) << 44, stretch) + 1;
         self.slope[i] = self.slope[i].max(u64::try_from(slope).unwrap_or(u64::MAX));
     }
+}
+
+/// Division by the length of a stretch (Q60), most often an eighth of a path unit: 128-bit divisions are slow.
+fn over_stretch(value: u128, stretch: i64) -> u128 {
+    let stretch = stretch.unsigned_abs().max(1);
+    if stretch.is_power_of_two() { value >> stretch.trailing_zeros() } else { value / u128::from(stretch) }
 }
 
 /// The second-order term (per radian, Q32) as a lever in nm: what it makes of two angles is in nrad.

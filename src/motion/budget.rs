@@ -3,7 +3,7 @@
 //! Every running track holds a share of every motor; a new one gets what is left and is never given more.
 //! A fixed part of each motor's limits is kept for taking up play.
 
-use super::bounds::Bounds;
+use super::bounds::{Bounds, PATH_ONE};
 use super::ramp::Limits;
 use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND};
 
@@ -158,8 +158,13 @@ fn over(rate: u64, value: u64) -> i64 {
     if value == 0 {
         return 1 << 60;
     }
-    let quotient = (u128::from(rate) << 32) / u128::from(value);
-    quotient.min(1 << 60) as i64
+    // digit by digit: a 128-bit division costs twenty 64-bit ones on the chip
+    if value >= 1 << 48 {
+        return ((u128::from(rate) << 32) / u128::from(value)).min(1 << 60) as i64;
+    }
+    let (whole, rest) = (rate / value, (rate % value) << 16);
+    let (high, rest) = (rest / value, (rest % value) << 16);
+    if whole >= 1 << 28 { 1 << 60 } else { ((whole << 32) | (high << 16) | (rest / value)) as i64 }
 }
 
 impl Grant {
@@ -174,18 +179,25 @@ impl Grant {
         crossed: impl Fn(usize, u128) -> u64,
     ) -> Self {
         let mut velocity = 1i64 << 60;
+        let near_rest = slow_near_rest(bounds, available);
+        let (mut least_square, mut least_cube) = (1u128 << 60, 1u128 << 60);
         for i in 0..AXES {
-            velocity = velocity.min(over(available[i].velocity, bounds.slope[i]));
+            velocity = velocity.min(near_rest[i]);
             velocity = velocity.min(over(wanted[i].velocity, ways[i]));
             if bounds.curvature[i] != 0 {
                 // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
-                let square = (u128::from(available[i].acceleration) << 30) / u128::from(bounds.curvature[i]); // Q60 / 4
-                velocity = velocity.min((square.min(1 << 60) << 60).isqrt().min(1 << 60) as i64);
+                least_square =
+                    least_square.min((u128::from(available[i].acceleration) << 30) / u128::from(bounds.curvature[i])); // Q60 / 4
             }
             if bounds.third[i] != 0 {
-                let cube = (u128::from(available[i].jerk) << 29) / u128::from(bounds.third[i]); // Q60 / 8
-                velocity = velocity.min((cube_root(cube.min(1 << 60) << 60) << 20).min(1 << 60) as i64);
+                least_cube = least_cube.min((u128::from(available[i].jerk) << 29) / u128::from(bounds.third[i])); // Q60 / 8
             }
+        }
+        if least_square < 1 << 60 {
+            velocity = velocity.min((least_square << 60).isqrt() as i64);
+        }
+        if least_cube < 1 << 60 {
+            velocity = velocity.min((cube_root(least_cube << 60) << 20).min(1 << 60) as i64);
         }
         let velocity = velocity.max(1);
         let square = ((u128::from(velocity.unsigned_abs()).pow(2)) >> 60) as i64;
@@ -237,7 +249,8 @@ impl Grant {
         let mut uses = [Rates::default(); AXES];
         for (i, rates) in uses.iter_mut().enumerate() {
             *rates = Rates {
-                velocity: times(bounds.slope[i], velocity),
+                // where the path is steeper than the velocity allows it is slower, see `slow_near_rest`
+                velocity: times(bounds.slope[i], velocity).min(available[i].velocity),
                 acceleration: times(bounds.slope[i], acceleration) + times(bounds.curvature[i], square) + crossed_a(i),
                 jerk: times(bounds.slope[i], jerk).saturating_add(bend_j(i)),
             };
@@ -250,6 +263,30 @@ impl Grant {
             bent: 0,
         }
     }
+}
+
+/// The highest path velocity of each motor. A path from rest to rest whose acceleration stays below a goes at most at
+/// sqrt(2 a d) where the nearer of its ends is d away: stretches that are steep, but too near to an end to be reached
+/// at full speed, do not slow it down.
+fn slow_near_rest(bounds: &Bounds, available: &[Rates; AXES]) -> [i64; AXES] {
+    let everywhere = core::array::from_fn(|i| over(available[i].velocity, bounds.slope[i]));
+    let count = bounds.stretches.len();
+    if !bounds.rests || count == 0 {
+        return everywhere;
+    }
+    // never less than the acceleration that will be granted
+    let most = (0..AXES).map(|i| over(available[i].acceleration, bounds.slope[i])).min().unwrap_or(1 << 60);
+    let mut highest = [1i64 << 60; AXES];
+    for (k, slopes) in bounds.stretches.iter().enumerate() {
+        let distance = ((k + 1).min(count - k) as u128 * PATH_ONE as u128) / count as u128 + count as u128;
+        let reached = (2 * most.unsigned_abs() as u128 * distance).isqrt().min(1 << 60) as i64;
+        for i in 0..AXES {
+            if times(slopes[i], reached) > available[i].velocity {
+                highest[i] = highest[i].min(over(available[i].velocity, slopes[i]));
+            }
+        }
+    }
+    highest
 }
 
 /// nrad per path unit times a path rate in Q60: nrad in Q20, rounded up.

@@ -1,7 +1,7 @@
 //! A track: one straight line in logical space and the profile that runs along it.
 
 use super::profile::Profile;
-use crate::units::AXES;
+use crate::units::{AXES, FinePose};
 
 /// The path unit of a single-axis track is 2^28 nm or nrad, whatever its length, so that a re-plan never
 /// rescales and a coordinate in Q32 is its path position in Q60.
@@ -33,15 +33,19 @@ impl Track {
     }
 
     /// What the track adds at a path position (Q60).
-    #[inline(always)]
     pub fn at(&self, position: i64) -> [i64; AXES] {
-        let mut sum = self.origin;
-        for (sum, direction) in sum.iter_mut().zip(&self.direction) {
-            if *direction != 0 {
-                *sum = sum.wrapping_add(scale(*direction, position));
-            }
+        let mut sum = FinePose::default();
+        self.add_to(&mut sum, position);
+        sum.0
+    }
+
+    /// Adds to a pose what the track adds at a path position (Q60). Without a branch for axes that do not move: with
+    /// one the compiler no longer sees that factors are 32 bits wide.
+    #[inline(never)]
+    pub fn add_to(&self, pose: &mut FinePose, position: i64) {
+        for (u, (origin, direction)) in pose.0.iter_mut().zip(self.origin.iter().zip(&self.direction)) {
+            *u = u.wrapping_add(*origin).wrapping_add(scale(*direction, position));
         }
-        sum
     }
 
     /// The axes that the track moves, bit n = axis n.
@@ -54,12 +58,13 @@ impl Track {
     }
 }
 
-/// `length` (Q32) times `position` (Q60) in Q32, low to 2 units in the last place: three 32-bit products.
+/// `length` (Q32) times `position` (Q60) in Q32, low to 64 units in the last place for lengths to 2^30: three products
+/// of signed 32-bit numbers, the lower halves cut to 31 bits. The shift comes last, lest the compiler put it into a
+/// factor, which would then need more than 32 bits.
 #[inline(always)]
 pub fn scale(length: i64, position: i64) -> i64 {
-    let (lh, ll) = ((length >> 32) as i32, length as u32);
-    let (ph, pl) = ((position >> 32) as i32, position as u32);
-    ((i64::from(lh) * i64::from(ph)) << 4)
-        .wrapping_add((i64::from(lh) * i64::from(pl)) >> 28)
-        .wrapping_add((i64::from(ll) * i64::from(ph)) >> 28)
+    let (lh, ll) = ((length >> 32) as i32, (length as u32 >> 1) as i32);
+    let (ph, pl) = ((position >> 32) as i32, (position as u32 >> 1) as i32);
+    let mixed = i64::from(lh) * i64::from(pl) + i64::from(ll) * i64::from(ph);
+    (i64::from(lh) * i64::from(ph)).wrapping_add(mixed >> 31) << 4
 }

@@ -97,10 +97,10 @@ impl Emitter {
         }
         Emitter {
             emitted: start.emitted.wrapping_add(played.steps),
-            waiting: 0,
             dir: played.levels.dir,
             next_rise,
             next_turn,
+            ..Emitter::default()
         }
     }
 }

@@ -7,6 +7,7 @@ impl Emitter {
     pub fn set_count(&mut self, steps: i32) {
         self.emitted = steps;
         self.waiting = 0;
+        self.disturb();
     }
 
     /// The motor has stood still for more than two segments: all times have passed, and the wrapping clock

@@ -26,6 +26,9 @@ use super::pins::{RESET_STEPS, reset};
 use super::timing::{Line, Timing};
 use crate::units::{AXES, FineSteps, SEGMENT_TICKS};
 
+/// No heading: what comes next takes the detour.
+const UNSURE: i32 = 1;
+
 /// The BSRR words of one segment, one per tick.
 pub type Words = [u32; SEGMENT_TICKS];
 
@@ -39,6 +42,8 @@ pub struct Emitter {
     pub(super) emitted: i32,
     /// Steps due and not yet emitted, signed.
     pub(super) waiting: i32,
+    /// Where DIR points while nothing waits: 0 upwards, -1 downwards, else [`UNSURE`].
+    pub(super) heading: Heading,
     /// Level of the DIR line.
     pub(super) dir: bool,
     /// First tick in which STEP may rise.
@@ -47,11 +52,29 @@ pub struct Emitter {
     pub(super) next_turn: u32,
 }
 
+/// See [`Emitter`]. It follows from the rest and the sense of DIR, so that it tells no two emitters apart.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Heading(i32);
+
+impl Default for Heading {
+    fn default() -> Self {
+        Heading(UNSURE)
+    }
+}
+
+impl PartialEq for Heading {
+    fn eq(&self, _: &Heading) -> bool {
+        true
+    }
+}
+
+impl Eq for Heading {}
+
 impl Emitter {
     /// An emitter that stands at `steps` at tick `base`, with its DIR line at level `dir`, which has
     /// been steady for the set-up time, and its STEP line low.
     pub fn at(steps: i32, dir: bool, base: u32) -> Emitter {
-        Emitter { emitted: steps, waiting: 0, dir, next_rise: base, next_turn: base }
+        Emitter { emitted: steps, dir, next_rise: base, next_turn: base, ..Emitter::default() }
     }
 
     /// Steps emitted, signed; wraps.
@@ -69,51 +92,74 @@ impl Emitter {
         self.dir
     }
 
+    /// The sense of DIR may have changed.
+    pub fn disturb(&mut self) {
+        self.heading = Heading::default();
+    }
+
     /// Puts the steps of one segment, from position `from` to `to` (Q32.32 steps), into its words.
+    /// True when something unusual happened, so that a step may [wait](Emitter::waiting) or wait no longer.
     ///
     /// `words` has been [cleared](clear); `base` is the tick of its first word. `from` is the `to` of
-    /// the segment before, and the two lie less than 2^31 steps apart.
+    /// the segment before, and the two lie less than 2^31 steps apart. `UNIT`: the grid is one tick, which saves an
+    /// instruction per step; false is right for every grid.
     #[inline(always)]
-    pub fn place(&mut self, line: &Line, from: i64, to: i64, base: u32, words: &mut Words) {
+    pub fn place<const UNIT: bool>(&mut self, line: &Line, from: i64, to: i64, base: u32, words: &mut Words) -> bool {
         let due = ((to >> 32) as i32).wrapping_sub((from >> 32) as i32);
         if due == 0 {
             if self.waiting != 0 {
                 self.detour(line, Crossings::AT_ONCE, 0, base, words);
-            } else if base.wrapping_sub(self.next_rise) as i32 > 1 << 30 {
+                return true;
+            }
+            if base.wrapping_sub(self.next_rise) as i32 > 1 << 30 {
                 self.forget(base);
             }
-            return;
+            return false;
+        }
+        if self.heading.0 != due >> 31 {
+            self.turn(line, from, to, base, words);
+            return true;
         }
         let crossings = Crossings::new(from, to, due);
         let ready = self.next_rise.wrapping_sub(base) as i32;
-        if self.waiting != 0
-            || self.dir == ((due < 0) != line.inverted)
-            || crossings.period < line.gap() << 25
-            || (line.on_grid(crossings.first >> 25) as i32) < ready
-        {
-            return self.detour(line, crossings, due, base, words);
+        let (gap, on_grid) = if UNIT { (2, u32::MAX) } else { (line.gap(), line.on_grid(u32::MAX)) };
+        let tick = |time: u32| time >> 25 & on_grid;
+        if crossings.period < gap << 25 || (tick(crossings.first) as i32) < ready {
+            self.detour(line, crossings, due, base, words);
+            return true;
         }
-        let mut put = |tick: u32| {
-            if let Some(word) = words.get_mut(tick as usize) {
-                *word |= line.step;
+        let step = line.step;
+        let last = crossings.each(due.unsigned_abs(), |time| {
+            if let Some(word) = words.get_mut(tick(time) as usize) {
+                *word |= step;
             }
-        };
-        // The usual grid of one tick saves an instruction per step.
-        let last = if line.grid == 1 {
-            crossings.each(due.unsigned_abs(), |time| put(time >> 25))
-        } else {
-            crossings.each(due.unsigned_abs(), |time| put(line.on_grid(time >> 25)))
-        };
-        let last = base.wrapping_add(line.on_grid(last >> 25));
-        self.emitted = self.emitted.wrapping_add(due);
-        self.next_rise = last.wrapping_add(line.gap());
+        });
+        let last = base.wrapping_add(tick(last));
+        self.emitted = (to >> 32) as i32;
+        self.next_rise = last.wrapping_add(gap);
         self.next_turn = last.wrapping_add(line.hold);
+        false
+    }
+
+    /// The motor does not go on as before.
+    #[inline(never)]
+    #[cold]
+    fn turn(&mut self, line: &Line, from: i64, to: i64, base: u32, words: &mut Words) {
+        let due = ((to >> 32) as i32).wrapping_sub((from >> 32) as i32);
+        self.detour(line, Crossings::new(from, to, due), due, base, words);
     }
 
     /// Everything unusual: a turn, a step that waits, a border too near, motion too fast.
     #[inline(never)]
     #[cold]
     fn detour(&mut self, line: &Line, crossings: Crossings, due: i32, base: u32, words: &mut Words) {
+        self.emit(line, crossings, due, base, words);
+        let upwards = self.dir != line.inverted;
+        self.heading = Heading(if self.waiting != 0 { UNSURE } else { i32::from(upwards) - 1 });
+    }
+
+    #[inline(always)]
+    fn emit(&mut self, line: &Line, crossings: Crossings, due: i32, base: u32, words: &mut Words) {
         let before = self.waiting;
         let owed = before.wrapping_add(due);
         self.waiting = owed;
@@ -204,6 +250,6 @@ pub fn place_all(
     clear(words, timing);
     let ways = from.0.iter().zip(&to.0);
     for ((emitter, line), (&from, &to)) in emitters.iter_mut().zip(timing.lines()).zip(ways) {
-        emitter.place(line, from, to, base, words);
+        emitter.place::<false>(line, from, to, base, words);
     }
 }

@@ -16,12 +16,12 @@ const HANGS: u64 = 14_000_000;
 const PATIENCE: u64 = 1_200_000;
 
 /// How far rounding may put an unrounded target from the smooth law, in steps of each motor, from the widths of the
-/// numbers: per screw the sine in Q33 (one and a half units), angles in 1/16 nrad, versines in Q35, each times the
-/// lever, and levers and cross products in 1/16 nm times the sine of 7.69 degrees; three screws, rows of at most 1.1;
+/// numbers: per screw the sine in Q33 (one and a half units), angles in 1/16 nrad, versines in Q34, each times the
+/// lever, and levers in 1/16 nm and cross products in 1/8 nm times the sine of 7.69 degrees; three screws, rows of at most 1.1;
 /// coordinates in 2^-16 nm. At short strides this is far more than the limits; from 16 segments on, a few percent.
 pub fn noise(machine: &Machine, law: &Law) -> [f64; AXES] {
     let lever = law.lever_nm() as f64;
-    let screw = lever * (1.5 / 2f64.powi(33) + 0.5 / 16e9 + 0.5 / 2f64.powi(35)) + 0.01;
+    let screw = lever * (1.5 / 2f64.powi(33) + 0.5 / 16e9 + 0.5 / 2f64.powi(34)) + 0.02;
     let pivot = if lever > 0.0 { 3.3 * screw } else { 0.0 };
     std::array::from_fn(|i| {
         let units = if i < 3 { pivot + 1.0 / 16_384.0 } else { 2e-3 };

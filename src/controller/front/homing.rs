@@ -17,6 +17,7 @@
 
 use super::orders::Waiting;
 use super::{Front, refuse};
+use crate::compensation::backlash::Flank;
 use crate::compensation::law::Law;
 use crate::controller::safety::{Cause, Halt};
 use crate::error::{Detail, Error, ErrorNumber};
@@ -343,7 +344,7 @@ impl Front {
             let detail = Detail::AxisText(axis, text);
             return self.end_homing(Some(Error { number: ErrorNumber::DataOutOfRange, detail }));
         }
-        if self.order(Waiting::Reference { motor: i as u8 }).is_err() {
+        if self.order(Waiting::Rest { motor: i as u8, flank: Some(Flank::Positive), overlay: 0 }).is_err() {
             return self.end_homing(Some(refuse(ErrorNumber::Moving)));
         }
         self.homing = None;

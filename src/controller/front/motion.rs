@@ -182,7 +182,7 @@ impl Front {
         }
         let upwards = velocity > 0;
         let rest = self.planner.rest();
-        let limit = self.capability.limits.farthest(&self.capability.law, rest, axis, upwards);
+        let limit = self.planner.farthest(&self.capability, axis, upwards, self.report.next);
         let here = rest.rounded().0[i];
         if (velocity > 0 && limit <= here || velocity < 0 && limit >= here) && !self.planner.is_moving() {
             return Err(Error {

@@ -16,7 +16,6 @@ pub(super) enum Waiting {
     Anchor { pose: Pose, steps: MotorSteps },
     Play { motor: u8, config: PlayConfig },
     Flank { motor: u8, flank: Option<Flank> },
-    Reference { motor: u8 },
     Rest { motor: u8, flank: Option<Flank>, overlay: i32 },
     Pulses,
 }
@@ -45,7 +44,6 @@ impl Front {
                 Waiting::Anchor { pose, steps } => Action::Anchor { pose, steps },
                 Waiting::Play { motor, config } => Action::Play { motor, config },
                 Waiting::Flank { motor, flank } => Action::Flank { motor, flank },
-                Waiting::Reference { motor } => Action::Reference { motor },
                 Waiting::Rest { motor, flank, overlay } => Action::Rest { motor, flank, overlay },
                 Waiting::Pulses => Action::Pulses(self.timing),
             };

@@ -10,7 +10,7 @@ use crate::motion::plan::{to_position, to_velocity};
 use crate::motion::profile::State;
 use crate::motion::ramp;
 use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
-use crate::units::{AXES, Axis, Pose};
+use crate::units::{AXES, Axis, COORDINATE_LIMIT, Pose};
 
 /// A jog ends after this many segments (38 hours) at the latest: a profile is not made for more.
 const LONGEST_JOG: i64 = 1 << 30;
@@ -219,7 +219,7 @@ impl Planner {
             Desire::None => return Ok(()),
             Desire::Position(x, then) => (x, then, u64::MAX),
             Desire::Jog { upwards, speed, .. } => {
-                let limit = capability.limits.farthest(&capability.law, self.rest(), axis, upwards);
+                let limit = self.farthest(capability, axis, upwards, segment);
                 self.desires[i] = Desire::Jog { upwards, limit, speed };
                 (limit, None, speed)
             }
@@ -241,7 +241,12 @@ impl Planner {
             None => state.position,
         };
         if running.is_some() {
-            let (lower, upper) = capability.limits.range(&capability.law, axis);
+            let (lower, upper) = match self.desires[i] {
+                // a motor's travel may end before the axis' own limit
+                Desire::Jog { upwards: true, limit, .. } => (-COORDINATE_LIMIT, limit),
+                Desire::Jog { upwards: false, limit, .. } => (limit, COORDINATE_LIMIT),
+                _ => capability.limits.range(&capability.law, axis),
+            };
             let rest = origin.0[i].saturating_add(stop);
             let beyond = rest < i64::from(lower) << 32 || rest > i64::from(upper) << 32;
             if beyond && (origin.0[i] + stop - self.rest().0[i]).signum() == i64::from(stop > state.position) * 2 - 1 {
@@ -258,7 +263,12 @@ impl Planner {
         let path = Path { origin, direction, from, to };
         // an axis that turns is granted the same wherever it goes, so that a new target never asks for less speed
         let region = if axis.is_rotary() {
-            let (lower, upper) = capability.limits.range(&capability.law, axis);
+            let (lower, upper) = match self.desires[i] {
+                // a motor's travel may end before the axis' own limit
+                Desire::Jog { upwards: true, limit, .. } => (-COORDINATE_LIMIT, limit),
+                Desire::Jog { upwards: false, limit, .. } => (limit, COORDINATE_LIMIT),
+                _ => capability.limits.range(&capability.law, axis),
+            };
             let at = |x: i32| (i64::from(x) << 32) - origin.0[i];
             Path { from: path.from.min(at(lower)), to: path.to.max(at(upper)), ..path }
         } else {

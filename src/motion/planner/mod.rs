@@ -154,6 +154,27 @@ impl Planner {
         rest
     }
 
+    /// How far a jog can take an axis. The others may still be on their way: at both ends of it no motor may leave its
+    /// travel, and between them it goes straight.
+    pub fn farthest(&self, capability: &Capability, axis: Axis, upwards: bool, segment: u64) -> i32 {
+        let reach = |pose| capability.limits.farthest(&capability.law, pose, axis, upwards);
+        let rest = self.rest();
+        let (here, at_rest, now) = (rest.rounded().0[axis.index()], reach(rest), reach(self.pose_at(segment)));
+        if upwards { at_rest.min(now).max(here) } else { at_rest.max(now).min(here) }
+    }
+
+    /// Where everything that runs is at the begin of a segment.
+    fn pose_at(&self, segment: u64) -> FinePose {
+        let mut pose = self.base;
+        for active in self.slots.iter().filter_map(Slot::latest) {
+            let elapsed = segment.saturating_sub(active.start).min(u64::from(u32::MAX)) as u32;
+            for (u, now) in pose.0.iter_mut().zip(active.track.contribution(elapsed, &mut 0)) {
+                *u += now;
+            }
+        }
+        pose
+    }
+
     /// The commanded pose: where the axes are at last to stand. A jog has no target: where it is at `segment`.
     pub fn commanded(&self, segment: u64) -> Pose {
         let mut rest = self.rest();

@@ -3,7 +3,7 @@
 use super::{Capability, Planner, SINGLE_SHARE_1024, WAIT_BELOW};
 use crate::compensation::law::Remembered;
 use crate::error::Error;
-use crate::motion::bounds::{Bounds, Path};
+use crate::motion::bounds::{Bounds, PATH_ONE, Path};
 use crate::motion::budget::{Grant, Rates, Turning};
 use crate::units::{AXES, Axis};
 
@@ -51,7 +51,10 @@ impl Planner {
         }
         let swing = way.swing(asking.path);
         let left = self.left(capability, asking.slot, asking.segment, swing);
-        let bounds = Bounds::along(law, asking.region, left.remaining);
+        // where it goes straight and nothing else turns the two are the same
+        let same = core::ptr::eq(asking.path, asking.region) && left.remaining == 0;
+        let mut bounds = if same { way } else { Bounds::along(law, asking.region, left.remaining) };
+        bounds.rests = !asking.single && asking.path.from == 0 && asking.path.to == PATH_ONE;
         let mut ways = [0; AXES];
         for (way, d) in ways.iter_mut().zip(&asking.path.direction) {
             *way = (d.unsigned_abs() >> 16) + u64::from(*d != 0);
@@ -96,7 +99,7 @@ impl Planner {
     /// False when the path, together with what the others have still to go, could leave a limit.
     fn is_clear(&self, capability: &Capability, asking: &Asking<'_>, way: &Bounds) -> bool {
         let Capability { law, limits, .. } = capability;
-        let mut way = *way;
+        let mut way = way.clone();
         let mut low = [0i64; AXES];
         let mut high = [0i64; AXES];
         let mut any = false;

@@ -119,7 +119,7 @@ fn six_motors_share_the_words_without_disturbing_each_other() {
             let mut own = [0; SEGMENT_TICKS];
             clear(&mut own, &timing);
             let (from, to) = (from.0[motor], to.0[motor]);
-            emitter.place(&timing.lines()[motor], from, to, base, &mut own);
+            emitter.place::<false>(&timing.lines()[motor], from, to, base, &mut own);
             for (all, own) in union.iter_mut().zip(own) {
                 *all |= own;
             }

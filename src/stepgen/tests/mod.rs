@@ -75,7 +75,11 @@ impl Bench {
         let line = &self.timing.lines()[self.motor];
         let to = self.position + advance;
         clear(&mut self.words, &self.timing);
-        self.emitter.place(line, self.position, to, self.base, &mut self.words);
+        if self.timing.grid() == 1 {
+            self.emitter.place::<true>(line, self.position, to, self.base, &mut self.words);
+        } else {
+            self.emitter.place::<false>(line, self.position, to, self.base, &mut self.words);
+        }
         self.position = to;
         self.base = self.base.wrapping_add(SEGMENT_TICKS as u32);
     }
