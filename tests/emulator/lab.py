@@ -26,6 +26,10 @@ STEPS_PER_UM = 20
 BOOT_US = 500_000
 
 
+# Boards of the running test, for what is summed up over all tests.
+BOARDS = []
+
+
 def figure(text):
     """A measured figure, for the test runner to show."""
     print(f"figure: {text}")
@@ -44,6 +48,7 @@ def boot(board):
 def power_up(firmware, stop_closed=True, **options):
     """The emergency stop's contact closed, limit switches closed to ground; booted."""
     board = Board(firmware, **options)
+    BOARDS.append(board)
     board.pin(*STOP, int(stop_closed))
     for pin in LOWER + UPPER:
         board.pin(*pin, 0)

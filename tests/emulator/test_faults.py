@@ -34,7 +34,7 @@ def test_an_error_of_a_step_stream_stops_the_motors_and_leaves_the_axes_uncertai
     before = moving.played()
     moving.dma_error(stream)
     moving.run(2000)
-    words = next((first for first, _, _ in moving.words.runs if first > before), moving.played()) - before
+    words = next((first for first, _, _ in moving.words.runs if first >= before), moving.played()) - before
     assert ask(moving, "SYST:ERR?").startswith('105,"Step deadline missed;step output failed')
     assert errors(moving) == []
     assert int(ask(moving, "STAT:AXIS1:COND?")) & 1 << 10

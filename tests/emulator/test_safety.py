@@ -48,7 +48,7 @@ MOMENTS = ([(in_a_critical_section, 0)] * 6 + [(in_the_refill, after) for after 
 
 def stopped_stream(board, before):
     """Words from `before` on until the stream stopped."""
-    return next((first for first, _, _ in board.words.runs if first > before), len(board.words)) - before
+    return next((first for first, _, _ in board.words.runs if first >= before), len(board.words)) - before
 
 
 def test_a_limit_switch_stops_all_motors_within_twenty_microseconds_whatever_the_processor_does(board):
