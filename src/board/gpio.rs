@@ -86,3 +86,37 @@ pub fn serial_is_low() -> bool {
 pub fn levels() -> Levels {
     Levels { a: pac::GPIOA.idr().read().0, b: pac::GPIOB.idr().read().0, d: pac::GPIOD.idr().read().0 }
 }
+
+/// Mode register of the enable lines' port with these as outputs and everything else as after a reset.
+const ENABLE_MODES: u32 = {
+    let (mut modes, mut n) = (0, 0);
+    while n < ENABLE.len() {
+        modes |= 1 << (2 * ENABLE[n].1);
+        n += 1;
+    }
+    modes
+};
+
+// Disables the drivers before memory is set up, which takes milliseconds at the speed of a reset: the lines float until
+// then. Clock of port C, its set/reset register, its modes (RM0090, 7.3.10 and 8.4). It touches registers alone.
+core::arch::global_asm!(
+    ".section .text.__pre_init, \"ax\"",
+    ".global __pre_init",
+    ".type __pre_init, %function",
+    ".thumb_func",
+    "__pre_init:",
+    "ldr r0, =0x40023830",
+    "ldr r1, [r0]",
+    "orr r1, r1, #4",
+    "str r1, [r0]",
+    "ldr r1, [r0]",
+    "ldr r0, =0x40020800",
+    "ldr r1, ={levels}",
+    "str r1, [r0, #0x18]",
+    "ldr r1, ={modes}",
+    "str r1, [r0]",
+    "bx lr",
+    ".ltorg",
+    levels = const super::pins::enable_word(0x3f),
+    modes = const ENABLE_MODES,
+);

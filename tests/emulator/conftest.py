@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+CORE_HZ = 168_000_000
+
 sys.path.insert(0, str(Path(__file__).parent))
 
 
@@ -40,7 +42,8 @@ def _sum_up():
 
     for board in lab.BOARDS:
         _worst["stack"] = max(_worst["stack"], board.stack_used())
-        _worst["critical"] = max(_worst["critical"], *board.longest_masked(), (0, 0, ""))
+        if board.rcc.system_hz == CORE_HZ:  # they are counted in instructions
+            _worst["critical"] = max(_worst["critical"], *board.longest_masked(), (0, 0, ""))
     lab.BOARDS.clear()
 
 

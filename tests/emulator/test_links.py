@@ -2,7 +2,7 @@
 
 import pytest
 
-from lab import NO_ERROR, Follower, ask, counts, enable_all, errors, figure, power_up, start_moving, steps_of, stream_words
+from lab import ask, counts, enable_all, errors, figure, power_up, start_moving
 
 _ORE = 1 << 3
 QUERIES = 300

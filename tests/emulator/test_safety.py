@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from lab import (ENABLE, FAULT, NO_ERROR, SEGMENT, STOP, UPPER, Follower, Switch, ask, boot, counts, enable_all, errors, figure,
+from lab import (ENABLE, FAULT, NO_ERROR, SEGMENT, STOP, UPPER, Switch, ask, boot, counts, enable_all, errors, figure,
                  power_up, start_moving)
 
 # The longest way from a contact to the last word (tests measure it, host-sim and homing rely on it), us.
@@ -194,6 +194,8 @@ def test_a_panic_disables_the_drivers_and_the_watchdog_starts_the_board_anew(boa
 
 def test_only_the_watchdog_is_told_as_a_restart(board):
     board.reset()
+    taken = board.run_until(lambda: levels(board, ENABLE) == DISABLED, 20_000, "disabled drivers", step_us=1)
+    figure(f"drivers disabled {taken:.0f} us after a reset, at most; before, the lines float")
     boot(board)
     assert levels(board, ENABLE) == DISABLED
     assert ask(board, "SYST:ERR:ALL?") == NO_ERROR

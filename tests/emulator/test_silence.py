@@ -2,11 +2,13 @@
 
 import pytest
 
-from lab import (ENABLE, NO_ERROR, RING, SEGMENT, Follower, ask, boot, counts, enable_all, errors, figure, power_up, start_moving,
-                 steps_of, stream_words)
+from lab import ENABLE, RING, SEGMENT, ask, boot, counts, enable_all, errors, figure, power_up, start_moving
 
 # Fast enough for several steps a segment.
 FAST = "AXIS1:MOVE 3000"
+REFILL = 16 + 28
+# The lowest address of the stack (memory.x).
+STACK_END = 0x1000_0000
 TEN_SEGMENTS_US = 10 * SEGMENT
 
 
@@ -23,11 +25,6 @@ def last_edge(board, since):
     """Words from `since` to the last rising edge after it, 0 when there is none."""
     steps = [index for index, _, _ in board.words.steps(since)]
     return max(steps, default=since) - since
-
-
-def intended(board, ticks):
-    """Steps in the words that the stage is given when nothing is in the way: what the ring holds, at most."""
-    return [step for step in board.words.steps(board.played() - ticks)]
 
 
 def check_no_repetition(board, since):
@@ -65,14 +62,30 @@ def test_a_refill_that_is_late_by_less_than_the_ring_loses_no_step(moving, offse
     assert moving.follower.look()[0] > 500, "it goes on"
 
 
-def test_a_hard_fault_in_mid_move_silences_the_pins_at_once_and_disables_the_drivers(moving):
+@pytest.mark.parametrize("inside", ["the thread", "the refill"])
+def test_a_hard_fault_in_mid_move_silences_the_pins_at_once_and_disables_the_drivers(moving, inside):
+    refill = inside == "the refill"
+    moving.run_until(lambda: (REFILL in moving.nvic.active) == refill, 1000, inside, step_us=1)
     before = moving.played()
     moving.hard_fault()
     moving.run(5000)
     edge = last_edge(moving, before)
     assert edge <= 5, f"a step {edge} us after the fault"
     assert [moving.level(*pin) for pin in ENABLE] == [1] * 6
-    figure(f"hard fault in mid-move: last STEP edge after {edge} us, drivers disabled")
+    figure(f"hard fault in mid-move, in {inside}: last STEP edge after {edge} us, drivers disabled")
+
+
+def test_a_stack_that_overflows_ends_in_silence_and_a_restart_and_overwrites_nothing(moving):
+    moving.run_until(lambda: not moving.nvic.active and not moving.machine.asleep, 20_000, "the thread", step_us=1)
+    before = moving.played()
+    moving.core.sp = STACK_END + 16
+    moving.run(20_000)
+    assert moving.stats.faults, "nothing lies below the stack"
+    edge = check_no_repetition(moving, before) if moving.played() - before > RING * SEGMENT else last_edge(moving, before)
+    moving.run_until(lambda: len(moving.resets) > 1, 3_000_000, "the watchdog", step_us=10_000)
+    boot(moving)
+    assert errors(moving) == [111]
+    figure(f"stack overflow in mid-move: last STEP edge after {edge} us, then the watchdog")
 
 
 def test_a_debugger_that_halts_the_core_halts_the_steps(moving):
