@@ -48,6 +48,8 @@ const UNANSWERED: u16 = 31;
 /// Segments between the last generated one and the first that a new track may use; more after a refusal: planning takes
 /// its time, and a track that comes too late has to be planned anew.
 const LEAD: u64 = 2;
+/// An answer within this many segments is late by the way of orders and reports; what takes longer is planning.
+const QUICK: u64 = 16;
 /// 33 ms, longer than a plan takes.
 const LEAD_MAX: u64 = 256;
 
@@ -242,7 +244,8 @@ impl Front {
         self.storage.answered(answered);
         if self.planner.answer(report.answered, report.refused, report.next) {
             let taken = report.next.saturating_sub(self.planned_from);
-            self.lead = (self.lead * 2).max(taken + taken / 4).min(LEAD_MAX);
+            let needed = if taken < QUICK { 0 } else { taken + taken / 4 };
+            self.lead = (self.lead * 2).max(needed).min(LEAD_MAX);
         }
     }
 
