@@ -1,0 +1,285 @@
+//! 128-bit integers on a 32-bit processor: quotients, checked products and roots, exact.
+//!
+//! # Design
+//! A compiler for a Cortex-M4 expands every division of 128 bits in place, bit by bit: near 1 KB of code and 3,000
+//! instructions each. Here each operation exists once, in digits of 32 bits, for about 100 to 200 instructions
+//! (Knuth, The Art of Computer Programming 2, 4.3.1, algorithm D, whose digits the processor's own division finds).
+//! Nothing here panics: a division by zero saturates.
+
+/// Digits of a dividend that has been shifted left by less than a digit.
+const DIGITS: usize = 8;
+
+/// Digits, least significant first, of a number of 128 bits shifted left by less than 32.
+#[inline(always)]
+fn digits(x: u128, up: u32) -> [u32; DIGITS] {
+    let mut digits = [0; DIGITS];
+    let mut carry = 0u64;
+    for (k, digit) in digits.iter_mut().take(4).enumerate() {
+        carry |= u64::from((x >> (32 * k)) as u32) << up;
+        *digit = carry as u32;
+        carry >>= 32;
+    }
+    digits[4] = carry as u32;
+    digits
+}
+
+/// `(high, low) / by` where `high < by` and the top bit of `by` is set: two half digits by the processor's division.
+#[inline(always)]
+fn two_by_one(high: u32, low: u32, by: u32) -> u32 {
+    let (upper, lower) = (by >> 16, by & 0xffff);
+    let half = |rest: u32, next: u32| -> (u32, u32) {
+        let mut quotient = rest.checked_div(upper).unwrap_or(0).min(0xffff);
+        let part = rest.wrapping_sub(quotient.wrapping_mul(upper));
+        // the rest of the half digit, in 64 bits: it is negative while the quotient is too large
+        let mut rest = ((u64::from(part) << 16) | u64::from(next)) as i64 - i64::from(quotient.wrapping_mul(lower));
+        while rest < 0 {
+            quotient -= 1;
+            rest += i64::from(by);
+        }
+        (quotient, rest as u32)
+    };
+    let (first, rest) = half(high, low >> 16);
+    let (second, _) = half(rest, low & 0xffff);
+    first << 16 | second
+}
+
+/// Quotient, rounded down, and remainder. By zero: the largest number, and the dividend.
+#[inline(never)]
+pub fn div_rem(dividend: u128, divisor: u128) -> (u128, u128) {
+    if divisor == 0 {
+        return (u128::MAX, dividend);
+    }
+    if dividend < divisor {
+        return (0, dividend);
+    }
+    let zeros = divisor.leading_zeros();
+    let (up, length) = (zeros % 32, 4 - (zeros / 32) as usize);
+    let (mut rest, by) = (digits(dividend, up), digits(divisor, up));
+    let top = by[(length - 1) % DIGITS];
+    let mut quotient = 0u128;
+    // the quotient has no digits above this
+    let first = (zeros / 32 - dividend.leading_zeros() / 32) as usize;
+    for at in (0..=first).rev() {
+        let high = rest[(at + length) % DIGITS];
+        // at most two too large
+        let mut digit = if high >= top { u32::MAX } else { two_by_one(high, rest[(at + length - 1) % DIGITS], top) };
+        let (mut product, mut borrow) = (0u64, 0i64);
+        for k in 0..length {
+            product += u64::from(digit) * u64::from(by[k % DIGITS]);
+            let place = &mut rest[(at + k) % DIGITS];
+            borrow += i64::from(*place) - i64::from(product as u32);
+            *place = borrow as u32;
+            (product, borrow) = (product >> 32, borrow >> 32);
+        }
+        borrow += i64::from(high) - product as i64;
+        while borrow < 0 {
+            digit -= 1;
+            let mut carry = 0u64;
+            for k in 0..length {
+                let place = &mut rest[(at + k) % DIGITS];
+                carry += u64::from(*place) + u64::from(by[k % DIGITS]);
+                *place = carry as u32;
+                carry >>= 32;
+            }
+            borrow += carry as i64;
+        }
+        rest[(at + length) % DIGITS] = 0;
+        quotient |= u128::from(digit) << (32 * at);
+    }
+    let mut remainder = 0u128;
+    for k in (0..length).rev() {
+        remainder = remainder << 32 | u128::from(rest[k % DIGITS]);
+    }
+    (quotient, remainder >> up)
+}
+
+/// Quotient, rounded down.
+pub fn div(dividend: u128, divisor: u128) -> u128 {
+    div_rem(dividend, divisor).0
+}
+
+/// Quotient, rounded up.
+#[inline(never)]
+pub fn div_up(dividend: u128, divisor: u128) -> u128 {
+    let (quotient, remainder) = div_rem(dividend, divisor);
+    quotient.saturating_add(u128::from(remainder != 0))
+}
+
+/// Signed quotient, rounded towards zero, and the remainder, which has the sign of the dividend.
+#[inline(never)]
+pub fn signed_div_rem(dividend: i128, divisor: i128) -> (i128, i128) {
+    let (quotient, remainder) = div_rem(dividend.unsigned_abs(), divisor.unsigned_abs());
+    let turn = |x: u128, negative: bool| if negative { (x as i128).wrapping_neg() } else { x as i128 };
+    (turn(quotient, (dividend < 0) != (divisor < 0)), turn(remainder, dividend < 0))
+}
+
+/// Signed quotient, rounded towards zero.
+#[inline(never)]
+pub fn signed_div(dividend: i128, divisor: i128) -> i128 {
+    signed_div_rem(dividend, divisor).0
+}
+
+/// Signed quotient, rounded upwards; the divisor is positive.
+#[inline(never)]
+pub fn signed_div_up(dividend: i128, divisor: i128) -> i128 {
+    let (quotient, remainder) = signed_div_rem(dividend, divisor);
+    if remainder > 0 { quotient + 1 } else { quotient }
+}
+
+/// `floor(value * 2^up / divisor)` for `up <= 64`; the largest number where that is more.
+#[inline(never)]
+pub fn shifted_div(value: u64, up: u32, divisor: u64) -> u64 {
+    narrow(div(u128::from(value) << up.min(64), u128::from(divisor)))
+}
+
+/// `floor(a * b / 2^down)` for `down < 128`; the largest number where that is more.
+#[inline(never)]
+pub fn mul_shift(a: u64, b: u64, down: u32) -> u64 {
+    narrow((u128::from(a) * u128::from(b)) >> (down & 127))
+}
+
+/// As 64 bits; the largest number where it is more.
+#[inline(always)]
+pub fn narrow(x: u128) -> u64 {
+    if (x >> 64) as u64 == 0 { x as u64 } else { u64::MAX }
+}
+
+/// Product with a small number; none beyond 128 bits.
+#[inline(never)]
+pub fn times(x: i128, n: u32) -> Option<i128> {
+    let size = x.unsigned_abs();
+    let low = u128::from(size as u64) * u128::from(n);
+    let high = u128::from((size >> 64) as u64) * u128::from(n) + (low >> 64);
+    let product = high << 64 | u128::from(low as u64);
+    let signed = if x < 0 { (product as i128).wrapping_neg() } else { product as i128 };
+    // beyond 127 bits the sign is lost, but for the lowest number itself
+    let fits = high >> 64 == 0 && (signed == 0 || (signed < 0) == (x < 0));
+    fits.then_some(signed)
+}
+
+/// Product; none beyond 128 bits.
+#[inline(never)]
+pub fn product(a: i128, b: i128) -> Option<i128> {
+    a.checked_mul(b)
+}
+
+/// The largest `r` with `r * r <= x`.
+#[inline(never)]
+pub fn isqrt(x: u128) -> u64 {
+    // Zimmermann's Karatsuba square root, in two halves of 64 bits: the top bits of `x` at the top, by an even shift.
+    let up = x.leading_zeros() & !1;
+    if up == 128 {
+        return 0;
+    }
+    let x = x << up;
+    let (high, low) = ((x >> 64) as u64, x as u64);
+    let upper = u64::from(isqrt_64(high));
+    let rest = high - upper * upper;
+    let (quotient, rest) = div_rem(u128::from(rest) << 32 | u128::from(low >> 32), u128::from(2 * upper));
+    let root = (u128::from(upper) << 32) + quotient;
+    let too_large = (rest << 32 | u128::from(low & 0xffff_ffff)) < quotient * quotient;
+    let root = (root - u128::from(too_large)).min(u128::from(u64::MAX)) as u64;
+    root >> (up / 2)
+}
+
+/// The largest `r` with `r * r <= x`, digit by digit.
+#[inline(never)]
+fn isqrt_64(x: u64) -> u32 {
+    let (mut root, mut rest) = (0u64, x);
+    let mut bit = 1u64 << 62;
+    while bit != 0 {
+        let trial = root + bit;
+        root >>= 1;
+        if rest >= trial {
+            rest -= trial;
+            root += bit;
+        }
+        bit >>= 2;
+    }
+    root as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Random(u64);
+
+    impl Random {
+        fn bits(&mut self) -> u64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
+        }
+
+        /// Any length, and often digits of all ones or zeros, where carries run far.
+        fn wide(&mut self) -> u128 {
+            let mut x = 0;
+            for _ in 0..4 {
+                let digit = match self.bits() >> 61 {
+                    0 => 0,
+                    1 => u32::MAX,
+                    2 => 1 << 31,
+                    3 => 1,
+                    _ => (self.bits() >> 32) as u32,
+                };
+                x = x << 32 | u128::from(digit);
+            }
+            x >> (self.bits() >> 57)
+        }
+    }
+
+    #[test]
+    fn quotients_and_remainders_are_those_of_the_compiler() {
+        let mut random = Random(1);
+        for _ in 0..2_000_000 {
+            let (n, d) = (random.wide(), random.wide());
+            if d == 0 {
+                assert_eq!(div_rem(n, d), (u128::MAX, n));
+                continue;
+            }
+            assert_eq!(div_rem(n, d), (n / d, n % d), "{n:#x} / {d:#x}");
+            assert_eq!(div_up(n, d), n.div_ceil(d));
+            let (n, d) = (n as i128, d as i128);
+            if d != -1 {
+                assert_eq!(signed_div_rem(n, d), (n / d, n % d), "{n} / {d}");
+                assert_eq!(signed_div(n, d), n / d);
+            }
+            if d > 0 {
+                assert_eq!(signed_div_up(n, d), n / d + i128::from(n % d > 0));
+            }
+        }
+    }
+
+    #[test]
+    fn products_are_those_of_the_compiler_or_none() {
+        let mut random = Random(2);
+        let mut none = 0;
+        for _ in 0..1_000_000 {
+            let (x, n) = (random.wide() as i128, random.wide() as u32);
+            assert_eq!(times(x, n), x.checked_mul(i128::from(n)), "{x} * {n}");
+            none += u32::from(times(x, n).is_none());
+            let (a, b, k) = (random.wide() as u64, random.wide() as u64, (random.bits() >> 57) as u32);
+            assert_eq!(mul_shift(a, b, k), u64::try_from((u128::from(a) * u128::from(b)) >> k).unwrap_or(u64::MAX));
+            let k = k % 65;
+            let whole = (u128::from(a) << k).checked_div(u128::from(b)).unwrap_or(u128::MAX);
+            assert_eq!(shifted_div(a, k, b), u64::try_from(whole).unwrap_or(u64::MAX));
+        }
+        assert!(none > 10_000);
+        assert_eq!(times(i128::MIN / 2, 2), Some(i128::MIN));
+        assert_eq!(times(i128::MIN, 2), None);
+    }
+
+    #[test]
+    fn roots_are_those_of_the_compiler() {
+        let mut random = Random(3);
+        for _ in 0..1_000_000 {
+            let x = random.wide();
+            assert_eq!(u128::from(isqrt(x)), x.isqrt(), "{x:#x}");
+            let square = u128::from(x as u64) * u128::from(x as u64);
+            assert_eq!(isqrt(square), x as u64);
+            assert_eq!(u128::from(isqrt(square.wrapping_sub(1))), square.wrapping_sub(1).isqrt());
+        }
+    }
+}
