@@ -4,7 +4,7 @@
 //! Layout: magic `SCAL`, version (u16), payload length (u16), payload (postcard), CRC-32 (ISO-HDLC) of all before.
 
 use crate::error::{Error, ErrorNumber};
-use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT};
+use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT, wide};
 use serde::{Deserialize, Serialize};
 
 /// Version of the block's payload. Raised when a field changes; older blocks are then refused with -221.
@@ -178,7 +178,7 @@ impl Calibration {
     fn is_near_the_ideal(&self) -> bool {
         let unit = |i: usize| {
             let motor = &self.motors[i];
-            ((1u128 << (u32::from(motor.row_bits) + 32)) / u128::from(motor.step_q32)) as i64
+            wide::div(1u128 << (u32::from(motor.row_bits) + 32), u128::from(motor.step_q32)) as i64
         };
         let slides = self.inverse_slides.iter().enumerate().all(|(i, row)| {
             row.iter().enumerate().all(|(j, c)| {

@@ -6,7 +6,7 @@
 use super::calibration::{Calibration, MotorData};
 use super::coupling::row;
 use super::pivot::{Rotation, Screw, Turned, from_sixteenths, to_nanometres};
-use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose};
+use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose, wide};
 
 /// Range of a coordinate in Q32.
 const RANGE: i128 = (COORDINATE_LIMIT as i128) << 32;
@@ -59,7 +59,7 @@ impl Law {
     pub fn identity(motors: &[MotorData; AXES]) -> Self {
         let unit = |i: usize| {
             let motor = &motors[i];
-            let doubled = (1u128 << (u32::from(motor.row_bits) + 33)) / u128::from(motor.step_q32.max(1));
+            let doubled = wide::div(1u128 << (u32::from(motor.row_bits) + 33), u128::from(motor.step_q32.max(1)));
             doubled.div_ceil(2).min(i32::MAX as u128) as i32
         };
         let mut slides = [[0; 3]; 3];

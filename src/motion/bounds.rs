@@ -8,7 +8,7 @@
 
 use crate::compensation::law::{Law, Remembered};
 use crate::motion::track::scale;
-use crate::units::{AXES, FinePose};
+use crate::units::{AXES, FinePose, wide};
 
 /// Path position 1.0 in Q60.
 pub const PATH_ONE: i64 = 1 << 60;
@@ -52,13 +52,14 @@ pub struct Bounds {
 
 /// `lever * (angle/10^9)^power`, in steps of `step_q32`, Q16, with a quarter added for what the bound leaves out
 /// (tilted axes, the lever's own change).
+#[inline(never)]
 fn bent(lever_nm: u64, angles: &[u64], step_q32: u64) -> u64 {
     let mut value = u128::from(lever_nm) << 28; // 2^-28 nm
     for angle in angles {
-        value = value * u128::from(*angle) / 1_000_000_000 + 1;
+        value = wide::div(value * u128::from(*angle), 1_000_000_000) + 1;
     }
-    let steps = value * 5 / 4 * (1 << 20) / u128::from(step_q32.max(1)); // Q28 * 2^20 / Q32 = Q16
-    u64::try_from(steps + 1).unwrap_or(u64::MAX)
+    let steps = wide::div(value * 5 / 4 * (1 << 20), u128::from(step_q32.max(1))); // Q28 * 2^20 / Q32 = Q16
+    wide::narrow(steps + 1)
 }
 
 impl Bounds {
@@ -80,8 +81,8 @@ impl Bounds {
                 bounds.third[i] = bent(lever, &[angle, angle, angle], step);
             } else {
                 // q'' = second * angle^2 in radians; `second` is per radian in Q32
-                let nrad = (u128::from(second) * u128::from(angle) / 1_000_000_000 * u128::from(angle)) >> 32;
-                bounds.curvature[i] = u64::try_from((nrad + 1) << 48).unwrap_or(u64::MAX) / step.max(1) + 1;
+                let nrad = (wide::div(u128::from(second) * u128::from(angle), 1_000_000_000) * u128::from(angle)) >> 32;
+                bounds.curvature[i] = wide::narrow((nrad + 1) << 48) / step.max(1) + 1;
             }
         }
         // a milliradian bends the slope by less than a thousandth: samples would only add their rounding
@@ -97,9 +98,11 @@ impl Bounds {
         };
         let mut last = at(path.from);
         (bounds.lowest, bounds.highest) = (last, last);
-        bounds.ends = [last, at(path.to)];
+        let end = at(path.to);
+        bounds.ends = [last, end];
+        let mut ways = [0; AXES];
         for k in 1..=count {
-            let motors = at(if k == count { path.to } else { path.from + stretch * k });
+            let motors = if k == count { end } else { at(path.from + stretch * k) };
             for i in 0..AXES {
                 let way = motors[i].abs_diff(last[i]);
                 // where it does not turn back, its ends are its extremes
@@ -107,19 +110,19 @@ impl Bounds {
                 let bulge = if turns && way / 2 <= between { (between / 4 + 1) as i64 } else { 0 };
                 bounds.lowest[i] = bounds.lowest[i].min(motors[i].min(last[i]) - bulge);
                 bounds.highest[i] = bounds.highest[i].max(motors[i].max(last[i]) + bulge);
-                bounds.raise_slope(law, i, way, stretch, turns);
+                ways[i] = ways[i].max(way);
             }
             last = motors;
         }
+        let mut over = stretch;
         if !turns {
             // straight: one path unit gives the slope, the same for every stretch of it
-            bounds.slope = [0; AXES];
-            let (from, to) = (at(0), at(PATH_ONE));
-            for i in 0..AXES {
-                bounds.raise_slope(law, i, to[i].abs_diff(from[i]), PATH_ONE, false);
-            }
+            let [from, to] = if (path.from, path.to) == (0, PATH_ONE) { bounds.ends } else { [at(0), at(PATH_ONE)] };
+            ways = core::array::from_fn(|i| to[i].abs_diff(from[i]));
+            over = PATH_ONE;
         }
         for i in 0..AXES {
+            bounds.slope[i] = slope(law.step_q32(i), ways[i], over, turns);
             let between = product_q60(bounds.curvature[i], stretch) / 2;
             bounds.slope[i] = bounds.slope[i].saturating_add(between);
             if turns && others != 0 {
@@ -142,18 +145,18 @@ impl Bounds {
     pub fn swing(&self, path: &Path) -> u64 {
         if self.turning == 0 { 0 } else { product_q60(self.turning, path.to - path.from) + 1 }
     }
+}
 
-    /// A motor goes `way` (Q32 steps) over a stretch of the path.
-    fn raise_slope(&mut self, law: &Law, i: usize, way: u64, stretch: i64, turns: bool) {
-        // the law's rounding: units in the last place where it is straight, a sixteenth nm or nrad where it turns
-        let noise = if turns { (1u128 << 60) / u128::from(law.step_q32(i).max(1)) } else { 2 };
-        if !turns && u128::from(way) <= noise {
-            return;
-        }
-        // Q32 steps over a stretch in Q60, to Q16 steps per path unit
-        let slope = ((u128::from(way) + noise) << 44) / u128::from(stretch.unsigned_abs().max(1)) + 1;
-        self.slope[i] = self.slope[i].max(u64::try_from(slope).unwrap_or(u64::MAX));
+/// Slope of a motor that goes at most `way` (Q32 steps) over stretches of the path, steps per path unit in Q16.
+#[inline(never)]
+fn slope(step_q32: u64, way: u64, stretch: i64, turns: bool) -> u64 {
+    // the law's rounding: units in the last place where it is straight, a sixteenth nm or nrad where it turns
+    let noise = if turns { wide::shifted_div(1, 60, step_q32.max(1)) } else { 2 };
+    if !turns && way <= noise {
+        return 0;
     }
+    // Q32 steps over a stretch in Q60, to Q16 steps per path unit
+    wide::narrow(wide::div((u128::from(way) + u128::from(noise)) << 44, stretch.unsigned_abs().max(1).into()) + 1)
 }
 
 /// The second-order term (per radian, Q32) as a lever in nm: what it makes of two angles is in nrad.
@@ -168,5 +171,5 @@ fn bend_q32(curvature: u64, stretch: i64) -> u64 {
 
 /// `value` times a path stretch in Q60.
 fn product_q60(value: u64, stretch: i64) -> u64 {
-    u64::try_from((u128::from(value) * u128::from(stretch.unsigned_abs())) >> 60).unwrap_or(u64::MAX)
+    wide::mul_shift(value, stretch.unsigned_abs(), 60)
 }

@@ -159,7 +159,13 @@ pub fn times(x: i128, n: u32) -> Option<i128> {
 
 /// Product; none beyond 128 bits.
 #[inline(never)]
-pub fn product(a: i128, b: i128) -> Option<i128> {
+pub fn product(a: u128, b: u128) -> Option<u128> {
+    a.checked_mul(b)
+}
+
+/// Signed product; none beyond 128 bits.
+#[inline(never)]
+pub fn signed_product(a: i128, b: i128) -> Option<i128> {
     a.checked_mul(b)
 }
 
@@ -197,6 +203,43 @@ fn isqrt_64(x: u64) -> u32 {
         bit >>= 2;
     }
     root as u32
+}
+
+/// The largest `r` with `r * r * r <= x`.
+#[inline(never)]
+pub fn cube_root(x: u128) -> u64 {
+    // half of the digits one by one, the others by a step of Newton's, which is too large by a few at most
+    let up = x.leading_zeros() / 3 * 3;
+    if x == 0 {
+        return 0;
+    }
+    let x = x << up;
+    let upper = cube_root_64((x >> 66) as u64) << 22;
+    let square = u128::from(upper) * u128::from(upper);
+    let rest = x - square * u128::from(upper);
+    let mut root = (upper + div(rest, 3 * square) as u64).min(LARGEST_CUBE_ROOT);
+    while u128::from(root) * u128::from(root) * u128::from(root) > x {
+        root -= 1;
+    }
+    root >> (up / 3)
+}
+
+/// The largest number whose cube has 128 bits.
+const LARGEST_CUBE_ROOT: u64 = 6_981_463_658_331;
+
+/// The largest `r` with `r * r * r <= x`, for `x < 2^63`, digit by digit.
+#[inline(never)]
+fn cube_root_64(x: u64) -> u64 {
+    let (mut root, mut rest) = (0u32, x);
+    for shift in (0..63).step_by(3).rev() {
+        root *= 2;
+        let more = 3 * u64::from(root) * u64::from(root + 1) + 1;
+        if rest >> shift >= more {
+            rest -= more << shift;
+            root += 1;
+        }
+    }
+    u64::from(root)
 }
 
 #[cfg(test)]
@@ -281,5 +324,20 @@ mod tests {
             assert_eq!(isqrt(square), x as u64);
             assert_eq!(u128::from(isqrt(square.wrapping_sub(1))), square.wrapping_sub(1).isqrt());
         }
+    }
+
+    #[test]
+    fn cube_roots_are_the_largest_numbers_whose_cubes_fit() {
+        let mut random = Random(4);
+        let cube = |r: u64| u128::from(r).checked_mul(u128::from(r) * u128::from(r)).unwrap_or(u128::MAX);
+        for _ in 0..1_000_000 {
+            let x = random.wide();
+            let near = random.bits() % (LARGEST_CUBE_ROOT + 1) >> (random.bits() >> 58);
+            for x in [x, cube(near), cube(near).saturating_sub(1)] {
+                let root = cube_root(x);
+                assert!(cube(root) <= x && (root == LARGEST_CUBE_ROOT || cube(root + 1) > x), "{x:#x}");
+            }
+        }
+        assert_eq!(cube_root(u128::MAX), LARGEST_CUBE_ROOT);
     }
 }

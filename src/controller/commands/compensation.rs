@@ -9,6 +9,7 @@ use crate::scpi::response::Response;
 use crate::scpi::session::Flow;
 use crate::scpi::tree::Command as C;
 use crate::units::decimal::Unit;
+use crate::units::wide;
 
 /// Largest coordinate of a pivot, nm: a sixteenth of it fits 30 bits and a sign.
 const PIVOT_LIMIT_NM: i64 = 1 << 26;
@@ -117,7 +118,8 @@ fn round_shift(value: i128, bits: u32) -> i128 {
 fn element(value: i128, out: &mut Response) {
     let unit = 10u128.pow(MATRIX_DECIMALS);
     let (sign, size) = (if value < 0 { "-" } else { "" }, value.unsigned_abs());
-    out.item(format_args!("{sign}{}.{:012}", size / unit, size % unit));
+    let (whole, fraction) = wide::div_rem(size, unit);
+    out.item(format_args!("{sign}{}.{:012}", wide::narrow(whole), wide::narrow(fraction)));
 }
 
 fn pivot_define(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {

@@ -3,7 +3,7 @@
 use super::{Abort, Front, refuse};
 use crate::error::{Detail, Error, ErrorNumber};
 use crate::motion::planner::Desire;
-use crate::units::{AXES, Axis, Pose, SEGMENT_NS};
+use crate::units::{AXES, Axis, Pose, SEGMENT_NS, wide};
 
 impl Front {
     /// While an immediate stop is carried out, nobody knows yet from where a move would start; a take-up on command
@@ -220,8 +220,10 @@ impl Front {
             for axis in Axis::ALL {
                 let i = axis.index();
                 // Q32 per segment against nm/s
-                let threshold =
-                    (u128::from(self.settings.axes[i].start_velocity) << 32) * u128::from(SEGMENT_NS) / 1_000_000_000;
+                let threshold = wide::div(
+                    (u128::from(self.settings.axes[i].start_velocity) << 32) * u128::from(SEGMENT_NS),
+                    1_000_000_000,
+                );
                 if u128::from(speeds[i]) > threshold + (threshold >> 10) {
                     self.uncertain[i] = true;
                 }

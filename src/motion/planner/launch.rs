@@ -10,7 +10,7 @@ use crate::motion::plan::{to_position, to_velocity};
 use crate::motion::profile::State;
 use crate::motion::ramp;
 use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
-use crate::units::{AXES, Axis, Pose};
+use crate::units::{AXES, Axis, Pose, wide};
 
 /// A jog ends after this many segments (38 hours) at the latest: a profile is not made for more.
 const LONGEST_JOG: i64 = 1 << 30;
@@ -25,20 +25,20 @@ impl Planner {
         &mut self,
         capability: &Capability,
         segment: u64,
-        mut order: impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
         self.merge(segment);
         for slot in 0..SLOTS {
-            self.plan_changes(capability, slot, segment, &mut order);
+            self.plan_changes(capability, slot, segment, order);
         }
         let mut refused = None;
         if let Some(goal) = self.goal
-            && let Err(error) = self.plan_goal(capability, goal, segment, &mut order)
+            && let Err(error) = self.plan_goal(capability, goal, segment, order)
         {
             refused = Some((None, error));
         }
         for axis in Axis::ALL {
-            if let Err(error) = self.plan_desire(capability, axis, segment, &mut order) {
+            if let Err(error) = self.plan_desire(capability, axis, segment, order) {
                 refused = refused.or(Some((Some(axis), error)));
             }
         }
@@ -65,7 +65,7 @@ impl Planner {
         capability: &Capability,
         slot: usize,
         segment: u64,
-        order: &mut impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) {
         let entry = &mut self.slots[slot];
         if entry.flight.is_some() || !(entry.stop || entry.replan) {
@@ -121,7 +121,7 @@ impl Planner {
         active: Active,
         intent: Intent,
         segment: u64,
-        order: &mut impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> bool {
         match order(Proposal { slot: slot as u8, segment, track: active.track }) {
             Some(sequence) => {
@@ -137,7 +137,7 @@ impl Planner {
         capability: &Capability,
         goal: Pose,
         segment: u64,
-        order: &mut impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
         if self.slots.iter().any(|s| s.flight.is_some()) {
             return Ok(());
@@ -205,7 +205,7 @@ impl Planner {
         capability: &Capability,
         axis: Axis,
         segment: u64,
-        order: &mut impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
         let i = axis.index();
         if self.desires[i] == Desire::None {
@@ -324,7 +324,7 @@ fn agrees(state: State, new: &Grant, (from, to): (i64, i64)) -> bool {
     let limits = new.limits;
     let (v_most, a_most, j) = (i128::from(limits.velocity), i128::from(limits.acceleration), i128::from(limits.jerk));
     // the velocity that is reached while the acceleration falls to zero
-    let forced = v + a * a.abs() / (2 * j);
+    let forced = v + wide::signed_div(a * a.abs(), 2 * j);
     v.abs() < v_most
         && a.abs() < a_most
         && forced.abs() < v_most

@@ -23,7 +23,7 @@ use super::profile::{Profile, State};
 use super::track::Track;
 use crate::compensation::law::Law;
 use crate::error::{Error, ErrorNumber};
-use crate::units::{AXES, Axis, FinePose, Pose};
+use crate::units::{AXES, Axis, FinePose, Pose, wide};
 use share::Asking;
 use slot::{Intent, Slot};
 
@@ -354,7 +354,7 @@ impl Planner {
         let profile = to_position(State::rest(0), PATH_ONE, limits).map_err(|_| unplannable())?;
         let peak = peak_velocity(&profile);
         let granted = u128::from(grant.limits.velocity.unsigned_abs().max(1));
-        let rate = |uses: Rates| (u128::from(uses.velocity) * peak / granted) as u64;
+        let rate = |uses: Rates| wide::div(u128::from(uses.velocity) * peak, granted) as u64;
         Ok(DryRun { segments: u64::from(profile.duration()), step_rates: grant.uses.map(rate) })
     }
 

@@ -5,7 +5,7 @@ use crate::compensation::law::Remembered;
 use crate::error::Error;
 use crate::motion::bounds::{Bounds, Path};
 use crate::motion::budget::{Grant, Rates, Turning};
-use crate::units::{AXES, Axis};
+use crate::units::{AXES, Axis, wide};
 
 /// Angle beyond which a turn bends nothing further, nrad: the lever itself is the most it can add.
 const ONE_RADIAN: u64 = 1_000_000_000;
@@ -59,11 +59,11 @@ impl Planner {
         let crossed = |i: usize, nrad2_q40: u128| law_crossed(capability, i, nrad2_q40);
         let share = if asking.single { SINGLE_SHARE_1024 } else { 1024 };
         let available = left.motors.map(|m| m.share(share));
-        let mut grant = Grant::within(&bounds, &available, wanted, &ways, left.others, crossed);
+        let mut grant = Grant::within(&bounds, &available, wanted, &ways, left.others, &crossed);
         grant.swing = swing;
         if self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
             let alone = motors.map(|m| m.share(share));
-            let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), crossed);
+            let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), &crossed);
             let (a, b) = (grant.limits, best.limits);
             let enough = |have: i64, want: i64| have >= want / WAIT_BELOW && have > 1;
             if !(enough(a.velocity, b.velocity) && enough(a.acceleration, b.acceleration) && enough(a.jerk, b.jerk)) {
@@ -88,7 +88,7 @@ impl Planner {
             let (low, high) = slot.reach(segment);
             let angle: u64 = active.track.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + 1).sum::<u64>();
             let way = low.unsigned_abs().max(high.unsigned_abs());
-            left.remaining += ((u128::from(angle) * u128::from(way)) >> 60) as u64;
+            left.remaining += wide::mul_shift(angle, way, 60);
         }
         left
     }
@@ -125,7 +125,7 @@ impl Planner {
                 way.highest[m] = way.highest[m].saturating_add(up);
             }
             for (a, d) in active.track.direction.iter().enumerate() {
-                let [one, other] = [from, to].map(|s| ((i128::from(*d) * i128::from(s)) >> 60) as i64);
+                let [one, other] = [from, to].map(|s| along(*d, s));
                 low[a] = low[a].saturating_add(one.min(other));
                 high[a] = high[a].saturating_add(one.max(other));
             }
@@ -136,10 +136,8 @@ impl Planner {
         for axis in Axis::ALL {
             let i = axis.index();
             let (lower, upper) = limits.range(law, axis);
-            let own = [asking.path.from, asking.path.to].map(|s| {
-                asking.path.origin.0[i]
-                    .saturating_add(((i128::from(asking.path.direction[i]) * i128::from(s)) >> 60) as i64)
-            });
+            let own = [asking.path.from, asking.path.to]
+                .map(|s| asking.path.origin.0[i].saturating_add(along(asking.path.direction[i], s)));
             let shared = low[i] != high[i] && asking.path.direction[i] != 0;
             if shared
                 && (own[0].min(own[1]).saturating_add(low[i]) < i64::from(lower) << 32
@@ -167,17 +165,24 @@ impl Planner {
     }
 }
 
+/// A length (Q32) times a path position (Q60), rounded down.
+#[inline(never)]
+fn along(length: i64, position: i64) -> i64 {
+    ((i128::from(length) * i128::from(position)) >> 60) as i64
+}
+
 /// Steps (Q44) of motor `i` by the product of two angles (nrad^2 in Q40): the lever for linear motors, the
 /// second-order term for rotary ones; a quarter added.
+#[inline(never)]
 fn law_crossed(capability: &Capability, i: usize, nrad2_q40: u128) -> u64 {
     let law = &capability.law;
-    let nano = nrad2_q40 / 1_000_000_000;
+    let nano = wide::div(nrad2_q40, 1_000_000_000);
     let units = if i < 3 {
-        nano * u128::from(law.lever_nm()) / 1_000_000_000
+        wide::div(nano * u128::from(law.lever_nm()), 1_000_000_000)
     } else {
         (nano * u128::from(law.second_order_bound())) >> 32
     };
-    let steps = ((units + 1) << 36) / u128::from(law.step_q32(i).max(1)) * 5 / 4 + 1;
+    let steps = wide::div((units + 1) << 36, u128::from(law.step_q32(i).max(1))) * 5 / 4 + 1;
     u64::try_from(steps).unwrap_or(u64::MAX >> 2)
 }
 
