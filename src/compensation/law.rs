@@ -118,9 +118,15 @@ impl Law {
         ])
     }
 
+    /// [`Law::motors`] as a call: for planning, of which the refill must not pay for the size.
+    #[inline(never)]
+    pub fn targets(&self, pose: &FinePose, last: &mut Remembered) -> FineSteps {
+        self.motors(pose, last)
+    }
+
     /// Step counts of a pose at rest.
     pub fn steps(&self, pose: Pose) -> MotorSteps {
-        self.motors(&pose.fine(), &mut Remembered::default()).floor()
+        self.targets(&pose.fine(), &mut Remembered::default()).floor()
     }
 
     /// q_a of a pose: unrounded angles of the rotary stages, nrad in Q32 (alpha, beta, gamma).
@@ -138,7 +144,7 @@ impl Law {
         // The angles first and rounded, then the position at the rounded angles: c(q) belongs to what is commanded.
         for part in [3..AXES, 0..3] {
             for _ in 0..12 {
-                let at = self.motors(&pose, &mut Remembered::default());
+                let at = self.targets(&pose, &mut Remembered::default());
                 let mut largest = 0;
                 for i in part.clone() {
                     // the middle of the step is where the law, half included, stands one half above the count

@@ -94,7 +94,7 @@ impl Bounds {
             for (u, d) in pose.0.iter_mut().zip(&path.direction) {
                 *u = u.saturating_add(scale(*d, s));
             }
-            law.motors(&pose, &mut remembered).0
+            law.targets(&pose, &mut remembered).0
         };
         let mut last = at(path.from);
         (bounds.lowest, bounds.highest) = (last, last);

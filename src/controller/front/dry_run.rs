@@ -67,7 +67,7 @@ impl Front {
                 *u = (a << 32)
                     + wide::signed_div(i128::from((b - a) << 32) * i128::from(k), i128::from(DRY_RUN_SAMPLES)) as i64;
             }
-            let steps = self.capability.law.motors(&pose, &mut remembered).floor();
+            let steps = self.capability.law.targets(&pose, &mut remembered).floor();
             for (i, play) in plays.iter_mut().enumerate() {
                 let dead_band = self.settings.axes[i].backlash.dead_band;
                 changes[i] += u32::from(play.turn(steps.0[i], dead_band));

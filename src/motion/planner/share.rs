@@ -100,7 +100,7 @@ impl Planner {
         let mut low = [0i64; AXES];
         let mut high = [0i64; AXES];
         let mut any = false;
-        let rest = law.motors(&self.rest(), &mut Remembered::default()).0;
+        let rest = law.targets(&self.rest(), &mut Remembered::default()).0;
         let swing = way.swing(asking.path);
         for (i, slot) in self.slots.iter().enumerate() {
             let Some(active) = slot.latest().filter(|_| i != asking.slot) else {
