@@ -3,94 +3,99 @@
 //! # Design
 //! A compiler for a Cortex-M4 expands every division of 128 bits in place, bit by bit: near 1 KB of code and 3,000
 //! instructions each. Here each operation exists once, in digits of 32 bits, for about 100 to 200 instructions
-//! (Knuth, The Art of Computer Programming 2, 4.3.1, algorithm D, whose digits the processor's own division finds).
+//! (Knuth, The Art of Computer Programming 2, 4.3.1, algorithm D, whose half digits the processor's own division finds).
 //! Nothing here panics: a division by zero saturates.
 
-/// Digits of a dividend that has been shifted left by less than a digit.
-const DIGITS: usize = 8;
-
-/// Digits, least significant first, of a number of 128 bits shifted left by less than 32.
+/// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set: two half digits by the
+/// processor's division.
 #[inline(always)]
-fn digits(x: u128, up: u32) -> [u32; DIGITS] {
-    let mut digits = [0; DIGITS];
-    let mut carry = 0u64;
-    for (k, digit) in digits.iter_mut().take(4).enumerate() {
-        carry |= u64::from((x >> (32 * k)) as u32) << up;
-        *digit = carry as u32;
-        carry >>= 32;
-    }
-    digits[4] = carry as u32;
-    digits
-}
-
-/// `(high, low) / by` where `high < by` and the top bit of `by` is set: two half digits by the processor's division.
-#[inline(always)]
-fn two_by_one(high: u32, low: u32, by: u32) -> u32 {
+fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
     let (upper, lower) = (by >> 16, by & 0xffff);
     let half = |rest: u32, next: u32| -> (u32, u32) {
         let mut quotient = rest.checked_div(upper).unwrap_or(0).min(0xffff);
-        let part = rest.wrapping_sub(quotient.wrapping_mul(upper));
-        // the rest of the half digit, in 64 bits: it is negative while the quotient is too large
-        let mut rest = ((u64::from(part) << 16) | u64::from(next)) as i64 - i64::from(quotient.wrapping_mul(lower));
-        while rest < 0 {
+        let above = rest.wrapping_sub(quotient.wrapping_mul(upper));
+        let mut rest = above.wrapping_shl(16) | next;
+        let mut product = quotient.wrapping_mul(lower);
+        // at most twice too large: while the part above a digit is empty, the rest says so by being smaller
+        let mut above = above >> 16;
+        while above == 0 && rest < product {
             quotient -= 1;
-            rest += i64::from(by);
+            product -= lower;
+            let (sum, carry) = rest.overflowing_add(upper << 16);
+            (rest, above) = (sum, u32::from(carry));
         }
-        (quotient, rest as u32)
+        (quotient, rest.wrapping_sub(product))
     };
     let (first, rest) = half(high, low >> 16);
-    let (second, _) = half(rest, low & 0xffff);
-    first << 16 | second
+    let (second, rest) = half(rest, low & 0xffff);
+    (first << 16 | second, rest)
+}
+
+/// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set.
+#[inline(never)]
+fn four_by_two(high: u64, low: u64, by: u64) -> (u64, u64) {
+    let (upper, lower) = ((by >> 32) as u32, by as u32);
+    let digit = |rest: u64, next: u32| -> (u32, u64) {
+        let top = (rest >> 32) as u32;
+        let (mut quotient, above) = if top >= upper {
+            (u32::MAX, rest - u64::from(u32::MAX) * u64::from(upper))
+        } else {
+            let (quotient, above) = two_by_one(top, rest as u32, upper);
+            (quotient, u64::from(above))
+        };
+        let mut rest = above << 32 | u64::from(next);
+        let mut product = u64::from(quotient) * u64::from(lower);
+        let mut above = above >> 32;
+        while above == 0 && rest < product {
+            quotient -= 1;
+            product -= u64::from(lower);
+            let (sum, carry) = rest.overflowing_add(u64::from(upper) << 32);
+            (rest, above) = (sum, u64::from(carry));
+        }
+        (quotient, rest.wrapping_sub(product))
+    };
+    let (first, rest) = digit(high, (low >> 32) as u32);
+    let (second, rest) = digit(rest, low as u32);
+    (u64::from(first) << 32 | u64::from(second), rest)
 }
 
 /// Quotient, rounded down, and remainder. By zero: the largest number, and the dividend.
 #[inline(never)]
 pub fn div_rem(dividend: u128, divisor: u128) -> (u128, u128) {
-    if divisor == 0 {
-        return (u128::MAX, dividend);
-    }
     if dividend < divisor {
         return (0, dividend);
     }
-    let zeros = divisor.leading_zeros();
-    let (up, length) = (zeros % 32, 4 - (zeros / 32) as usize);
-    let (mut rest, by) = (digits(dividend, up), digits(divisor, up));
-    let top = by[(length - 1) % DIGITS];
-    let mut quotient = 0u128;
-    // the quotient has no digits above this
-    let first = (zeros / 32 - dividend.leading_zeros() / 32) as usize;
-    for at in (0..=first).rev() {
-        let high = rest[(at + length) % DIGITS];
-        // at most two too large
-        let mut digit = if high >= top { u32::MAX } else { two_by_one(high, rest[(at + length - 1) % DIGITS], top) };
-        let (mut product, mut borrow) = (0u64, 0i64);
-        for k in 0..length {
-            product += u64::from(digit) * u64::from(by[k % DIGITS]);
-            let place = &mut rest[(at + k) % DIGITS];
-            borrow += i64::from(*place) - i64::from(product as u32);
-            *place = borrow as u32;
-            (product, borrow) = (product >> 32, borrow >> 32);
+    let upper = (divisor >> 64) as u64;
+    if upper == 0 {
+        let divisor = divisor as u64;
+        if divisor == 0 {
+            return (u128::MAX, dividend);
         }
-        borrow += i64::from(high) - product as i64;
-        while borrow < 0 {
-            digit -= 1;
-            let mut carry = 0u64;
-            for k in 0..length {
-                let place = &mut rest[(at + k) % DIGITS];
-                carry += u64::from(*place) + u64::from(by[k % DIGITS]);
-                *place = carry as u32;
-                carry >>= 32;
-            }
-            borrow += carry as i64;
-        }
-        rest[(at + length) % DIGITS] = 0;
-        quotient |= u128::from(digit) << (32 * at);
+        // both to the left, until the divisor's top bit is set
+        let up = divisor.leading_zeros();
+        let by = divisor << up;
+        let high = (dividend >> 64) as u64;
+        let (first, high) = if high < divisor {
+            (0, high << up | ((dividend as u64) >> 1) >> (63 - up))
+        } else {
+            four_by_two((high >> 1) >> (63 - up), (dividend << up >> 64) as u64, by)
+        };
+        let (second, rest) = four_by_two(high, (dividend as u64) << up, by);
+        return (u128::from(first) << 64 | u128::from(second), u128::from(rest >> up));
     }
-    let mut remainder = 0u128;
-    for k in (0..length).rev() {
-        remainder = remainder << 32 | u128::from(rest[k % DIGITS]);
+    // the quotient by the divisor's first 64 bits is right or one too large (Warren, Hacker's Delight, 9-5)
+    let up = upper.leading_zeros();
+    let half = dividend >> 1;
+    let (estimate, _) = four_by_two((half >> 64) as u64, half as u64, (divisor << up >> 64) as u64);
+    let mut quotient = (estimate >> (63 - up)).saturating_sub(1);
+    let lower = u128::from(quotient) * u128::from(divisor as u64);
+    let product = lower.wrapping_add(u128::from(quotient.wrapping_mul(upper)) << 64);
+    let mut rest = dividend.wrapping_sub(product);
+    if rest >= divisor {
+        rest -= divisor;
+        quotient += 1;
     }
-    (quotient, remainder >> up)
+    (u128::from(quotient), rest)
 }
 
 /// Quotient, rounded down.
