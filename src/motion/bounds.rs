@@ -17,7 +17,7 @@ pub const PATH_ONE: i64 = 1 << 60;
 const SAMPLES: i64 = 8;
 
 /// A path: where it begins, one path unit of it, and the stretch of path positions to look at.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Path {
     /// Pose at path position 0, nm and nrad in Q32.
     pub origin: FinePose,
@@ -50,39 +50,47 @@ pub struct Bounds {
     pub turning: u64,
 }
 
-/// `lever * (angle/10^9)^power`, in steps of `step_q32`, Q16, with a quarter added for what the bound leaves out
-/// (tilted axes, the lever's own change).
+/// A length (2^-28 nm) turned by an angle (nrad), rounded up.
 #[inline(never)]
-fn bent(lever_nm: u64, angles: &[u64], step_q32: u64) -> u64 {
-    let mut value = u128::from(lever_nm) << 28; // 2^-28 nm
-    for angle in angles {
-        value = wide::div(value * u128::from(*angle), 1_000_000_000) + 1;
-    }
-    let steps = wide::div(value * 5 / 4 * (1 << 20), u128::from(step_q32.max(1))); // Q28 * 2^20 / Q32 = Q16
+fn turned(length: u128, angle: u64) -> u128 {
+    wide::div(length * u128::from(angle), 1_000_000_000) + 1
+}
+
+/// A length (2^-28 nm) in steps of `step_q32`, Q16, with a quarter added for what the bound leaves out (tilted axes, the
+/// lever's own change).
+#[inline(never)]
+fn in_steps(length: u128, step_q32: u64) -> u64 {
+    let steps = wide::div(length * 5 / 4 * (1 << 20), u128::from(step_q32.max(1))); // Q28 * 2^20 / Q32 = Q16
     wide::narrow(steps + 1)
 }
 
+/// A lever in nm as 2^-28 nm.
+fn fine(lever_nm: u64) -> u128 {
+    u128::from(lever_nm) << 28
+}
+
 impl Bounds {
-    /// Bounds along a path; `others` is the angular way (nrad) that other tracks may still turn meanwhile.
-    pub fn along(law: &Law, path: &Path, others: u64) -> Self {
+    /// Bounds along a path, while nothing else turns.
+    pub fn along(law: &Law, path: &Path) -> Self {
         let mut bounds = Bounds::default();
         let turning: u64 = path.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + u64::from(*d != 0)).sum();
         bounds.turning = turning + turning / 32;
         let turns = turning != 0;
-        let (lever, second) = (law.lever_nm(), law.second_order_bound());
-        for i in 0..AXES {
-            let step = law.step_q32(i);
+        let (lever, second) = (fine(law.lever_nm()), law.second_order_bound());
+        if turns {
             let angle = bounds.turning;
-            if !turns {
-                continue;
-            }
-            if i < 3 {
-                bounds.curvature[i] = bent(lever, &[angle, angle], step);
-                bounds.third[i] = bent(lever, &[angle, angle, angle], step);
-            } else {
-                // q'' = second * angle^2 in radians; `second` is per radian in Q32
-                let nrad = (wide::div(u128::from(second) * u128::from(angle), 1_000_000_000) * u128::from(angle)) >> 32;
-                bounds.curvature[i] = wide::narrow((nrad + 1) << 48) / step.max(1) + 1;
+            let curvature = turned(turned(lever, angle), angle);
+            let third = turned(curvature, angle);
+            // q'' = second * angle^2 in radians; `second` is per radian in Q32
+            let nrad = (wide::div(u128::from(second) * u128::from(angle), 1_000_000_000) * u128::from(angle)) >> 32;
+            let nrad = wide::narrow((nrad + 1) << 48);
+            for i in 0..AXES {
+                let step = law.step_q32(i);
+                if i < 3 {
+                    (bounds.curvature[i], bounds.third[i]) = (in_steps(curvature, step), in_steps(third, step));
+                } else {
+                    bounds.curvature[i] = nrad / step.max(1) + 1;
+                }
             }
         }
         // a milliradian bends the slope by less than a thousandth: samples would only add their rounding
@@ -101,13 +109,13 @@ impl Bounds {
         let end = at(path.to);
         bounds.ends = [last, end];
         let mut ways = [0; AXES];
+        let between = bounds.curvature.map(|curvature| bend_q32(curvature, stretch));
         for k in 1..=count {
             let motors = if k == count { end } else { at(path.from + stretch * k) };
             for i in 0..AXES {
                 let way = motors[i].abs_diff(last[i]);
                 // where it does not turn back, its ends are its extremes
-                let between = bend_q32(bounds.curvature[i], stretch);
-                let bulge = if turns && way / 2 <= between { (between / 4 + 1) as i64 } else { 0 };
+                let bulge = if turns && way / 2 <= between[i] { (between[i] / 4 + 1) as i64 } else { 0 };
                 bounds.lowest[i] = bounds.lowest[i].min(motors[i].min(last[i]) - bulge);
                 bounds.highest[i] = bounds.highest[i].max(motors[i].max(last[i]) + bulge);
                 ways[i] = ways[i].max(way);
@@ -125,20 +133,24 @@ impl Bounds {
             bounds.slope[i] = slope(law.step_q32(i), ways[i], over, turns);
             let between = product_q60(bounds.curvature[i], stretch) / 2;
             bounds.slope[i] = bounds.slope[i].saturating_add(between);
-            if turns && others != 0 {
-                let step = law.step_q32(i);
-                let more = if i < 3 {
-                    bent(lever, &[bounds.turning, others], step)
-                } else {
-                    bent(second_nm(second), &[bounds.turning, others], step)
-                };
-                bounds.slope[i] = bounds.slope[i].saturating_add(more);
-            }
             if bounds.lowest[i] >> 32 != bounds.highest[i] >> 32 {
                 bounds.steps |= 1 << i;
             }
         }
         bounds
+    }
+
+    /// The same while other tracks may turn by `others` nrad, which bends the path.
+    pub fn among(mut self, law: &Law, others: u64) -> Self {
+        if self.turning == 0 || others == 0 {
+            return self;
+        }
+        for i in 0..AXES {
+            let lever = if i < 3 { law.lever_nm() } else { second_nm(law.second_order_bound()) };
+            let more = in_steps(turned(turned(fine(lever), self.turning), others), law.step_q32(i));
+            self.slope[i] = self.slope[i].saturating_add(more);
+        }
+        self
     }
 
     /// Angle by which the path turns in whole, nrad.

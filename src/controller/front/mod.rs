@@ -21,7 +21,7 @@ use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
 use crate::error::{Detail, Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
-use crate::motion::planner::{Capability, Planner};
+use crate::motion::planner::{Capability, Planner, Versioned};
 use crate::settings::{self, Settings};
 use crate::stepgen::timing::Timing;
 use crate::units::{AXES, Axis, MotorSteps, Pose, SEGMENT_TICKS, wide};
@@ -69,7 +69,7 @@ pub struct Front {
     pub(super) settings: Settings,
     pivots: [Option<[i32; 3]>; PIVOTS],
     pivot: u8,
-    capability: Capability,
+    capability: Versioned<Capability>,
     timing: Timing,
     planner: Planner,
     report: Report,
@@ -117,13 +117,13 @@ impl Front {
             settings,
             pivots: [None; PIVOTS],
             pivot: 0,
-            capability: Capability {
+            capability: Versioned::new(Capability {
                 law,
                 motors: motors.map(|m| settings::motor_rates(&m)),
                 wanted: settings.axes.map(|a| a.wanted()),
                 limits: Limits([NO_LIMITS; AXES]),
                 override_percent: 100,
-            },
+            }),
             timing: Timing::default(),
             planner: Planner::at_rest(Pose::default()),
             report: Report { settled: true, ..Report::default() },

@@ -111,11 +111,11 @@ impl Front {
     }
 
     /// Checks a move; answers where it has to overshoot to, if a motor is to end in one direction.
-    fn legs(&self, from: Pose, to: Pose) -> Result<Option<Pose>, Error> {
+    fn legs(&mut self, from: Pose, to: Pose) -> Result<Option<Pose>, Error> {
         match self.overshoot(from, to) {
-            None => self.planner.check(&self.capability, from, to).map(|_| None),
+            None => self.planner.prepare(&self.capability, from, to).map(|()| None),
             Some(over) => {
-                self.planner.check(&self.capability, from, over)?;
+                self.planner.prepare(&self.capability, from, over)?;
                 self.planner.check(&self.capability, over, to)?;
                 Ok(Some(over))
             }

@@ -1,8 +1,11 @@
 //! From desires and goals to tracks.
 
+use super::checked::Checked;
 use super::share::Asking;
 use super::slot::{Active, Flight, Intent};
-use super::{COORDINATED, Capability, Desire, Planner, Proposal, SLOTS, unplannable, with_speed};
+use super::{
+    COORDINATED, Capability, Desire, Planner, Proposal, SLOTS, Versioned, go_along, straight, unplannable, with_speed,
+};
 use crate::error::Error;
 use crate::motion::bounds::{PATH_ONE, Path};
 use crate::motion::budget::Grant;
@@ -23,7 +26,7 @@ impl Planner {
     /// The first limit that a waiting goal or desire turned out to break; it is dropped, the others go on.
     pub fn plan(
         &mut self,
-        capability: &Capability,
+        capability: &Versioned<Capability>,
         segment: u64,
         order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
@@ -134,7 +137,7 @@ impl Planner {
 
     fn plan_goal(
         &mut self,
-        capability: &Capability,
+        capability: &Versioned<Capability>,
         goal: Pose,
         segment: u64,
         order: &mut dyn FnMut(Proposal) -> Option<u16>,
@@ -165,23 +168,33 @@ impl Planner {
         let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active.is_none()) else {
             return Ok(());
         };
-        let rest = self.rest();
-        let target = goal.fine();
-        let mut direction = [0; AXES];
-        for (d, (to, from)) in direction.iter_mut().zip(target.0.iter().zip(&rest.0)) {
-            *d = to - from;
-        }
+        let path = straight(self.rest(), goal.fine());
+        let direction = path.direction;
         if direction == [0; AXES] {
             self.goal = self.then_goal.take();
             return Ok(());
         }
-        let path = Path { origin: rest, direction, from: 0, to: PATH_ONE };
-        let asking = Asking { path: &path, region: &path, slot: SLOTS, segment, single: false, starts_high: false };
-        let Some(grant) = self.grant(capability, &asking)? else {
-            return Ok(());
+        let idle = !self.is_running();
+        let as_checked = |checked: &&Checked| {
+            idle && checked.version == capability.version() && checked.to == goal && checked.from.fine() == path.origin
         };
-        let limits = with_speed(&grant, PATH_ONE, capability.override_percent);
-        let profile = to_position(State::rest(0), PATH_ONE, limits).map_err(|_| unplannable())?;
+        let (grant, profile) = if let Some(checked) = self.checked.as_ref().filter(as_checked) {
+            (checked.grant, checked.profile)
+        } else {
+            let asking = Asking {
+                path: &path,
+                region: &path,
+                slot: SLOTS,
+                segment,
+                single: false,
+                starts_high: false,
+                alone: false,
+            };
+            let Some(grant) = self.grant(capability, &asking)? else {
+                return Ok(());
+            };
+            (grant, go_along(capability, &grant)?)
+        };
         let track = Track { origin: [0; AXES], direction, end: direction, profile };
         let active = Active {
             track,
@@ -264,8 +277,15 @@ impl Planner {
         } else {
             path
         };
-        let asking =
-            Asking { path: &path, region: &region, slot: i, segment, single: true, starts_high: goal < state.position };
+        let asking = Asking {
+            path: &path,
+            region: &region,
+            slot: i,
+            segment,
+            single: true,
+            starts_high: goal < state.position,
+            alone: false,
+        };
         let granted = self.grant(capability, &asking)?;
         let grant = match (&running, granted) {
             (None, None) => return Ok(()),

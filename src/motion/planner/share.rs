@@ -25,6 +25,8 @@ pub(super) struct Asking<'a> {
     pub single: bool,
     /// The motion begins at the upper end of the way.
     pub starts_high: bool,
+    /// As if nothing else ran.
+    pub alone: bool,
 }
 
 /// What the running tracks leave.
@@ -44,14 +46,19 @@ impl Planner {
     /// A limit that the path breaks by itself.
     pub(super) fn grant(&self, capability: &Capability, asking: &Asking<'_>) -> Result<Option<Grant>, Error> {
         let Capability { law, motors, wanted, limits, .. } = capability;
-        let way = Bounds::along(law, asking.path, 0);
+        let way = Bounds::along(law, asking.path);
         limits.check_motors(law, &way, asking.starts_high)?;
-        if !self.is_clear(capability, asking, &way) {
+        if !asking.alone && !self.is_clear(capability, asking, &way) {
             return Ok(None);
         }
         let swing = way.swing(asking.path);
-        let left = self.left(capability, asking.slot, asking.segment, swing);
-        let bounds = Bounds::along(law, asking.region, left.remaining);
+        let left = if asking.alone {
+            Left { motors: *motors, others: Turning::default(), remaining: 0 }
+        } else {
+            self.left(capability, asking.slot, asking.segment, swing)
+        };
+        let region = if asking.region == asking.path { way } else { Bounds::along(law, asking.region) };
+        let bounds = region.among(law, left.remaining);
         let mut ways = [0; AXES];
         for (way, d) in ways.iter_mut().zip(&asking.path.direction) {
             *way = (d.unsigned_abs() >> 16) + u64::from(*d != 0);
@@ -61,7 +68,7 @@ impl Planner {
         let available = left.motors.map(|m| m.share(share));
         let mut grant = Grant::within(&bounds, &available, wanted, &ways, left.others, &crossed);
         grant.swing = swing;
-        if self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
+        if !asking.alone && self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
             let alone = motors.map(|m| m.share(share));
             let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), &crossed);
             let (a, b) = (grant.limits, best.limits);
@@ -99,14 +106,13 @@ impl Planner {
         let mut way = *way;
         let mut low = [0i64; AXES];
         let mut high = [0i64; AXES];
-        let mut any = false;
-        let rest = law.targets(&self.rest(), &mut Remembered::default()).0;
         let swing = way.swing(asking.path);
+        let mut rest = None;
         for (i, slot) in self.slots.iter().enumerate() {
             let Some(active) = slot.latest().filter(|_| i != asking.slot) else {
                 continue;
             };
-            any = true;
+            let rest = rest.get_or_insert_with(|| law.targets(&self.rest(), &mut Remembered::default()).0);
             let (from, to) = slot.reach(asking.segment);
             let end = active.track.profile.end_position();
             let path = Path {
@@ -115,7 +121,7 @@ impl Planner {
                 from: end.saturating_add(from),
                 to: end.saturating_add(to),
             };
-            let other = Bounds::along(law, &path, 0);
+            let other = Bounds::along(law, &path);
             let angles = u128::from(swing) * u128::from(other.swing(&path));
             for (m, rest) in rest.iter().enumerate() {
                 let crossed = (law_crossed(capability, m, angles << 40) >> 12) as i64;
@@ -130,7 +136,7 @@ impl Planner {
                 high[a] = high[a].saturating_add(one.max(other));
             }
         }
-        if !any {
+        if rest.is_none() {
             return true;
         }
         for axis in Axis::ALL {
