@@ -163,12 +163,16 @@ impl Bounds {
 #[inline(never)]
 fn slope(step_q32: u64, way: u64, stretch: i64, turns: bool) -> u64 {
     // the law's rounding: units in the last place where it is straight, a sixteenth nm or nrad where it turns
-    let noise = if turns { wide::shifted_div(1, 60, step_q32.max(1)) } else { 2 };
+    let noise = if turns { (1 << 60) / step_q32.max(1) } else { 2 };
     if !turns && way <= noise {
         return 0;
     }
     // Q32 steps over a stretch in Q60, to Q16 steps per path unit
-    wide::narrow(wide::div((u128::from(way) + u128::from(noise)) << 44, stretch.unsigned_abs().max(1).into()) + 1)
+    let (way, stretch) = ((u128::from(way) + u128::from(noise)) << 44, stretch.unsigned_abs().max(1));
+    // a whole path is, and so is its eighth
+    let slope =
+        if stretch.is_power_of_two() { way >> stretch.trailing_zeros() } else { wide::div(way, stretch.into()) };
+    wide::narrow(slope + 1)
 }
 
 /// The second-order term (per radian, Q32) as a lever in nm: what it makes of two angles is in nrad.

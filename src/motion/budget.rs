@@ -142,16 +142,16 @@ fn times(value: u64, rate: i64) -> u64 {
     wide::mul_shift(value, rate.unsigned_abs(), 32).saturating_add(1)
 }
 
-/// The smaller of `most` and of a rate (Q44) over a value (Q16 per path unit): Q60, rounded down.
+/// The smaller of `most` and of a quotient, rounded down; of two of the limits in Q60. `divisor` below 2^68.
 #[inline(never)]
-fn least(most: i64, rate: u64, value: u64) -> i64 {
+fn least(most: i64, dividend: u128, divisor: u128) -> i64 {
     // most quotients are larger than the smallest one: a product says so for less than a division
-    let (dividend, most) = (u128::from(rate) << 32, most.unsigned_abs());
-    if dividend >= u128::from(most) * u128::from(value) {
-        most as i64
-    } else {
-        wide::div(dividend, value.into()) as i64
-    }
+    if dividend >= u128::from(most.unsigned_abs()) * divisor { most } else { wide::div(dividend, divisor) as i64 }
+}
+
+/// The smaller of `most` and of a rate (Q44) over a value (Q16 per path unit), Q60.
+fn least_rate(most: i64, rate: u64, value: u64) -> i64 {
+    least(most, u128::from(rate) << 32, value.into())
 }
 
 impl Grant {
@@ -165,25 +165,20 @@ impl Grant {
         others: Turning,
         crossed: &dyn Fn(usize, u128) -> u64,
     ) -> Self {
-        let mut velocity = 1i64 << 60;
-        let (mut square, mut cube) = (1u128 << 60, 1u128 << 60);
+        const ONE: i64 = 1 << 60;
+        let (mut velocity, mut square, mut cube) = (ONE, ONE, ONE);
         for i in 0..AXES {
-            velocity = least(velocity, available[i].velocity, bounds.slope[i]);
-            velocity = least(velocity, wanted[i].velocity, ways[i]);
-            if bounds.curvature[i] != 0 {
-                // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
-                let own = wide::div(u128::from(available[i].acceleration) << 30, bounds.curvature[i].into()); // Q60 / 4
-                square = square.min(own);
-            }
-            if bounds.third[i] != 0 {
-                cube = cube.min(wide::div(u128::from(available[i].jerk) << 29, bounds.third[i].into())); // Q60 / 8
-            }
+            velocity = least_rate(velocity, available[i].velocity, bounds.slope[i]);
+            velocity = least_rate(velocity, wanted[i].velocity, ways[i]);
+            // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
+            square = least(square, u128::from(available[i].acceleration) << 30, bounds.curvature[i].into()); // Q60 / 4
+            cube = least(cube, u128::from(available[i].jerk) << 29, bounds.third[i].into()); // Q60 / 8
         }
-        if square < 1 << 60 {
-            velocity = velocity.min(wide::isqrt(square << 60) as i64);
+        if square < ONE {
+            velocity = velocity.min(wide::isqrt(u128::from(square.unsigned_abs()) << 60) as i64);
         }
-        if cube < 1 << 60 {
-            velocity = velocity.min((wide::cube_root(cube << 60) << 20) as i64);
+        if cube < ONE {
+            velocity = velocity.min((wide::cube_root(u128::from(cube.unsigned_abs()) << 60) << 20) as i64);
         }
         let velocity = velocity.max(1);
         let square = product_q60(velocity, velocity);
@@ -196,17 +191,18 @@ impl Grant {
             }
             crossed(i, 2 * u128::from(turning_v) * u128::from(others.velocity))
         };
-        let mut acceleration = 1i64 << 60;
+        let mut acceleration = ONE;
+        let (mut bends_a, mut bends_j) = ([0; AXES], [0; AXES]);
         for i in 0..AXES {
-            let bend = times(bounds.curvature[i], square).min(available[i].acceleration / 2) + crossed_a(i);
-            let left = available[i].acceleration.saturating_sub(bend);
-            acceleration = least(acceleration, left, bounds.slope[i]);
-            acceleration = least(acceleration, wanted[i].acceleration, ways[i]);
+            let (own, crossed) = (times(bounds.curvature[i], square), crossed_a(i));
+            bends_a[i] = own + crossed;
+            let left = available[i].acceleration.saturating_sub(own.min(available[i].acceleration / 2) + crossed);
+            acceleration = least_rate(acceleration, left, bounds.slope[i]);
+            acceleration = least_rate(acceleration, wanted[i].acceleration, ways[i]);
             if bounds.curvature[i] != 0 {
                 // 3 m'' v a at most a quarter of the jerk
                 let per = u128::from(times(bounds.curvature[i], velocity)) * 12; // Q44 per path unit of a
-                let bent = u128::from(available[i].jerk) << 60;
-                acceleration = acceleration.min(wide::div(bent, per.max(1)).min(1 << 60) as i64);
+                acceleration = least(acceleration, u128::from(available[i].jerk) << 60, per);
             }
         }
         let acceleration = acceleration.max(1);
@@ -221,23 +217,21 @@ impl Grant {
             crossed(i, 3 * (v1 * a2 + a1 * v2))
         };
         let mixed = product_q60(velocity, acceleration);
-        let bend_j = |i: usize| {
-            times(bounds.curvature[i], mixed).saturating_mul(3).saturating_add(times(bounds.third[i], cube))
-                + crossed_j(i)
-        };
-        let mut jerk = 1i64 << 60;
+        let mut jerk = ONE;
         for i in 0..AXES {
-            let left = available[i].jerk.saturating_sub(bend_j(i));
-            jerk = least(jerk, left, bounds.slope[i]);
-            jerk = least(jerk, wanted[i].jerk, ways[i]);
+            let third = times(bounds.third[i], cube);
+            bends_j[i] = times(bounds.curvature[i], mixed).saturating_mul(3).saturating_add(third) + crossed_j(i);
+            let left = available[i].jerk.saturating_sub(bends_j[i]);
+            jerk = least_rate(jerk, left, bounds.slope[i]);
+            jerk = least_rate(jerk, wanted[i].jerk, ways[i]);
         }
         let jerk = jerk.max(1);
         let mut uses = [Rates::default(); AXES];
         for (i, rates) in uses.iter_mut().enumerate() {
             *rates = Rates {
                 velocity: times(bounds.slope[i], velocity),
-                acceleration: times(bounds.slope[i], acceleration) + times(bounds.curvature[i], square) + crossed_a(i),
-                jerk: times(bounds.slope[i], jerk).saturating_add(bend_j(i)),
+                acceleration: times(bounds.slope[i], acceleration) + bends_a[i],
+                jerk: times(bounds.slope[i], jerk).saturating_add(bends_j[i]),
             };
         }
         Grant {

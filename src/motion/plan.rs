@@ -143,6 +143,13 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
         return None;
     }
     let way = (i128::from(target) - i128::from(state.position)) << FROM_Q60;
+    if from.v == 0 && from.a == 0 {
+        let mut path = Path::new(from);
+        if way != 0 {
+            rest_to_rest(&mut path, way.abs(), &rates)?;
+        }
+        return path.finish(state.position, target, 0, if way < 0 { -1 } else { 1 });
+    }
     let stop = change(from, 0, &rates)?;
     let rest = way - stop.at.s;
     if rest == 0 {
@@ -153,11 +160,6 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
     let sign = rest.signum();
     let mirrored = Point { s: 0, v: sign * from.v, a: sign * from.a };
     let finish = |path: Path, sign| path.finish(state.position, target, 0, sign);
-    if from.v == 0 && from.a == 0 {
-        let mut path = Path::new(mirrored);
-        rest_to_rest(&mut path, rest.abs(), &rates)?;
-        return finish(path, sign);
-    }
     let direct = |lead| {
         super::search::direct(Path::new(mirrored), sign * way, rates, lead)
             .filter(|path| path.keeps(&rates, v_most, a_most))

@@ -65,37 +65,35 @@ pub fn div_rem(dividend: u128, divisor: u128) -> (u128, u128) {
     if dividend < divisor {
         return (0, dividend);
     }
-    let upper = (divisor >> 64) as u64;
+    let ((high, low), (upper, lower)) = (halves(dividend), halves(divisor));
     if upper == 0 {
-        let divisor = divisor as u64;
-        if divisor == 0 {
+        if lower == 0 {
             return (u128::MAX, dividend);
         }
         // both to the left, until the divisor's top bit is set
-        let up = divisor.leading_zeros();
-        let by = divisor << up;
-        let high = (dividend >> 64) as u64;
-        let (first, high) = if high < divisor {
-            (0, high << up | ((dividend as u64) >> 1) >> (63 - up))
-        } else {
-            four_by_two((high >> 1) >> (63 - up), (dividend << up >> 64) as u64, by)
-        };
-        let (second, rest) = four_by_two(high, (dividend as u64) << up, by);
+        let up = lower.leading_zeros();
+        let by = lower << up;
+        let middle = high << up | (low >> 1) >> (63 - up);
+        let (first, rest) = if high < lower { (0, middle) } else { four_by_two((high >> 1) >> (63 - up), middle, by) };
+        let (second, rest) = four_by_two(rest, low << up, by);
         return (u128::from(first) << 64 | u128::from(second), u128::from(rest >> up));
     }
     // the quotient by the divisor's first 64 bits is right or one too large (Warren, Hacker's Delight, 9-5)
     let up = upper.leading_zeros();
-    let half = dividend >> 1;
-    let (estimate, _) = four_by_two((half >> 64) as u64, half as u64, (divisor << up >> 64) as u64);
+    let (estimate, _) = four_by_two(high >> 1, high << 63 | low >> 1, upper << up | (lower >> 1) >> (63 - up));
     let mut quotient = (estimate >> (63 - up)).saturating_sub(1);
-    let lower = u128::from(quotient) * u128::from(divisor as u64);
-    let product = lower.wrapping_add(u128::from(quotient.wrapping_mul(upper)) << 64);
-    let mut rest = dividend.wrapping_sub(product);
+    let product = u128::from(quotient) * u128::from(lower);
+    let mut rest = dividend.wrapping_sub(product).wrapping_sub(u128::from(quotient.wrapping_mul(upper)) << 64);
     if rest >= divisor {
         rest -= divisor;
         quotient += 1;
     }
     (u128::from(quotient), rest)
+}
+
+#[inline(always)]
+fn halves(x: u128) -> (u64, u64) {
+    ((x >> 64) as u64, x as u64)
 }
 
 /// Quotient, rounded down.

@@ -124,6 +124,9 @@ impl Front {
 
     /// Where a move from `from` to `to` has to go first, so that every one-directional motor ends in its direction.
     pub(super) fn overshoot(&self, from: Pose, to: Pose) -> Option<Pose> {
+        if self.settings.axes.iter().all(|own| own.backlash.mode.ending().is_none()) {
+            return None;
+        }
         let law = &self.capability.law;
         let (start, mut end) = (law.steps(from), law.steps(to));
         let mut needed = false;
