@@ -191,21 +191,27 @@ pub fn isqrt(x: u128) -> u64 {
     root >> (up / 2)
 }
 
-/// The largest `r` with `r * r <= x`, digit by digit.
-#[inline(never)]
+/// The largest `r` with `r * r <= x`; the top two bits of `x` are not both zero.
+#[inline(always)]
 fn isqrt_64(x: u64) -> u32 {
-    let (mut root, mut rest) = (0u64, x);
-    let mut bit = 1u64 << 62;
+    // the same once more: half of the digits one by one, in 32 bits
+    let (high, low) = ((x >> 32) as u32, x as u32);
+    let (mut upper, mut rest) = (0u32, high);
+    let mut bit = 1u32 << 30;
     while bit != 0 {
-        let trial = root + bit;
-        root >>= 1;
+        let trial = upper + bit;
+        upper >>= 1;
         if rest >= trial {
             rest -= trial;
-            root += bit;
+            upper += bit;
         }
         bit >>= 2;
     }
-    root as u32
+    let dividend = u64::from(rest) << 16 | u64::from(low >> 16);
+    let (quotient, rest) = (dividend / u64::from(2 * upper).max(1), dividend % u64::from(2 * upper).max(1));
+    let root = (u64::from(upper) << 16) + quotient;
+    let too_large = (rest << 16 | u64::from(low & 0xffff)) < quotient * quotient;
+    (root - u64::from(too_large)).min(u64::from(u32::MAX)) as u32
 }
 
 /// The largest `r` with `r * r * r <= x`.
@@ -230,19 +236,26 @@ pub fn cube_root(x: u128) -> u64 {
 /// The largest number whose cube has 128 bits.
 const LARGEST_CUBE_ROOT: u64 = 6_981_463_658_331;
 
-/// The largest `r` with `r * r * r <= x`, for `x < 2^63`, digit by digit.
-#[inline(never)]
+/// The largest `r` with `r * r * r <= x`, for `2^56 <= x < 2^63`.
+#[inline(always)]
 fn cube_root_64(x: u64) -> u64 {
-    let (mut root, mut rest) = (0u32, x);
-    for shift in (0..63).step_by(3).rev() {
-        root *= 2;
-        let more = 3 * u64::from(root) * u64::from(root + 1) + 1;
+    // the same once more: half of the digits one by one, in 32 bits
+    let (mut upper, mut rest) = (0u32, (x >> 33) as u32);
+    for shift in (0..30).step_by(3).rev() {
+        upper *= 2;
+        let more = 3 * upper * (upper + 1) + 1;
         if rest >> shift >= more {
             rest -= more << shift;
-            root += 1;
+            upper += 1;
         }
     }
-    u64::from(root)
+    let upper = u64::from(upper) << 11;
+    let square = upper * upper;
+    let mut root = upper + (x - square * upper) / (3 * square).max(1);
+    while root * root * root > x {
+        root -= 1;
+    }
+    root
 }
 
 #[cfg(test)]

@@ -222,7 +222,7 @@ impl Front {
                 return None;
             }
             *sequence = sequence.wrapping_add(1);
-            let action = Action::Run { slot: proposal.slot, track: proposal.track };
+            let action = Action::Run { slot: proposal.slot, track: *proposal.track };
             let order = Order { sequence: *sequence, segment: Some(proposal.segment), aborts, action };
             orders.push_back(order).ok().map(|()| *sequence)
         });

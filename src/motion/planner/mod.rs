@@ -75,13 +75,13 @@ pub struct Capability {
 
 /// A track that the generator is to run.
 #[derive(Clone, Copy, Debug)]
-pub struct Proposal {
+pub struct Proposal<'a> {
     /// Which slot.
     pub slot: u8,
     /// With which segment it begins.
     pub segment: u64,
     /// The track.
-    pub track: Track,
+    pub track: &'a Track,
 }
 
 /// Duration and peak rates of a move that is only looked at.
