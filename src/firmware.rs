@@ -1,16 +1,22 @@
-//! The firmware: starts the board, then turns the controller for ever.
+//! The firmware: starts the board, puts the saved settings in force, then turns the controller for ever.
 
+use crate::board::backup::Backup;
+use crate::board::clock::ResetCause;
+use crate::board::flash::{self, SettingsFlash};
 use crate::board::port::{ARRIVED, Plug, Socket};
 use crate::board::{self, Board, refill, supervision, usart, usb};
 use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_futures::select::select3;
 use embassy_time::{Duration, Instant, Timer};
-use stage_controller::controller::front::Front;
+use stage_controller::controller::front::{Front, Health, Start};
 use stage_controller::controller::generator::Generator;
+use stage_controller::controller::links::Links;
 use stage_controller::hal::Port;
+use stage_controller::store::standstill::Keeper;
+use stage_controller::store::{Buffer, RECORD_CAPACITY, Store, service};
 use stage_controller::tasks::Controller;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 /// Links: the serial port and USB.
 const PORTS: usize = 2;
@@ -19,41 +25,95 @@ const TURN: Duration = Duration::from_millis(1);
 
 static SERIAL: Plug = Plug::new();
 static USB: Plug = Plug::new();
+static FRONT: StaticCell<Front> = StaticCell::new();
+static LINKS: StaticCell<Links<PORTS>> = StaticCell::new();
+static RECORD: ConstStaticCell<Buffer> = ConstStaticCell::new([0; RECORD_CAPACITY]);
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let (parts, start) = board::start();
     defmt::info!("start after {}, crystal {}", start.cause, !start.internal_oscillator);
-    static CONTROLLER: StaticCell<Controller<PORTS>> = StaticCell::new();
-    let controller = CONTROLLER.init_with(|| Controller::new(Front::new()));
+    let front = new_front();
+    let record = RECORD.take();
+    let mut store = Store::new(SettingsFlash::new(parts.FLASH), flash::START);
+    let backup = Backup::open();
+    let keeper = wake_up(front, start, &mut store, &backup, record).await;
 
-    let serial = usart::open(
-        usart::Parts {
-            usart: parts.USART2,
-            rx: parts.PA3,
-            tx: parts.PA2,
-            tx_dma: parts.DMA1_CH6,
-            rx_dma: parts.DMA1_CH5,
-        },
-        usart::DEFAULT_BAUD,
-    );
-    spawner.spawn(usart::receive(serial.receiver, &SERIAL).unwrap());
-    spawner.spawn(usart::send(serial.sender, &SERIAL).unwrap());
+    let mut baud = front.baud();
+    let serial = usart::Parts {
+        usart: parts.USART2,
+        rx: parts.PA3,
+        tx: parts.PA2,
+        tx_dma: parts.DMA1_CH6,
+        rx_dma: parts.DMA1_CH5,
+    };
+    let serial = usart::open(serial, baud);
+    spawner.spawn(defmt::unwrap!(usart::receive(serial.receiver, &SERIAL)));
+    spawner.spawn(defmt::unwrap!(usart::send(serial.sender, &SERIAL)));
     if !start.internal_oscillator {
-        let usb = usb::Parts { usb: parts.USB_OTG_FS, dp: parts.PA12, dm: parts.PA11 };
-        spawner.spawn(usb::run(usb, embassy_stm32::uid::uid_hex(), &USB).unwrap());
+        let parts = usb::Parts { usb: parts.USB_OTG_FS, dp: parts.PA12, dm: parts.PA11 };
+        spawner.spawn(defmt::unwrap!(usb::run(parts, embassy_stm32::uid::uid_hex(), &USB)));
     }
+    let border = start_refill(front);
+    spawner.spawn(defmt::unwrap!(supervision::supervise(supervision::start(parts.IWDG))));
 
-    let (law, timing) = controller.front.generator_setup();
-    let border = refill::start(Generator::new(law, timing));
-    spawner.spawn(supervision::supervise(board::watchdog(parts.IWDG)).unwrap());
-
-    let mut board = Board::new(border);
+    let mut board = Board::new(border, backup, keeper);
+    let mut controller = Controller::new(front, new_links());
     let (mut serial, mut usb) = (Socket::new(&SERIAL), Socket::new(&USB));
     loop {
         let mut ports: [&mut dyn Port; PORTS] = [&mut serial, &mut usb];
         controller.turn(&mut board, &mut ports, Instant::now().as_millis());
         supervision::controller_ran();
+        if controller.front.storage_due() {
+            // the processor stands while flash is written: so must the steps
+            refill::pause().await;
+            service::serve(&mut store, controller.front, record).await;
+            refill::resume();
+            continue;
+        }
+        if controller.front.baud() != baud && controller.has_answered(0) && serial.is_drained() {
+            baud = controller.front.baud();
+            usart::BAUD.signal(baud);
+        }
+        // the other tasks have their turn even if there is more to do
+        embassy_futures::yield_now().await;
         select3(refill::REFILLED.wait(), ARRIVED.wait(), Timer::after(TURN)).await;
     }
+}
+
+// What is large is made in functions of its own: their stack is free again before the next one needs it.
+
+#[inline(never)]
+fn new_front() -> &'static mut Front {
+    FRONT.init_with(Front::new)
+}
+
+#[inline(never)]
+fn new_links() -> &'static mut Links<PORTS> {
+    LINKS.init_with(Links::new)
+}
+
+#[inline(never)]
+fn start_refill(front: &Front) -> refill::Border {
+    let (law, timing) = front.generator_setup();
+    refill::start(Generator::new(law, timing))
+}
+
+/// Puts the saved settings in force and says where the motors stand.
+async fn wake_up(
+    front: &mut Front,
+    start: board::Start,
+    store: &mut Store<SettingsFlash>,
+    backup: &Backup,
+    record: &mut Buffer,
+) -> Keeper {
+    let found = service::start(store, front, record).await;
+    let (keeper, kept) = Keeper::recover(&backup.read());
+    let cause = if start.cause == ResetCause::Power { Start::PowerOn } else { Start::Reset };
+    service::stand(front, cause, kept, found);
+    front.set_health(Health {
+        internal_oscillator: start.internal_oscillator,
+        watchdog: start.cause == ResetCause::Watchdog,
+    });
+    keeper
 }

@@ -4,6 +4,7 @@
 
 use crate::controller::border::{Order, Report};
 use crate::controller::safety::{Halt, Watch};
+use crate::store::Standstill;
 
 /// The thread's side of the step output, of the drivers and of the lights.
 pub trait Hal {
@@ -19,8 +20,11 @@ pub trait Hal {
     fn rearm(&mut self);
     /// What the inputs are judged by.
     fn set_watch(&mut self, watch: Watch);
-    /// Levels of the enable lines; bit n: line n is high.
-    fn set_enables(&mut self, levels: u8);
+    /// Levels of the enable lines, and those that disable all drivers: what the board falls back to. Bit n: line n is
+    /// high.
+    fn set_enables(&mut self, levels: u8, disabled: u8);
+    /// Keeps where the motors stand in memory that outlives a reset, where that has changed.
+    fn keep(&mut self, standstill: Standstill);
     /// Shows a person what goes on.
     fn show(&mut self, signs: Signs);
 }

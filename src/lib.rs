@@ -17,6 +17,7 @@
 //! - [`compensation`] turns the logical pose of the fibre point into motor positions: coupling, rotation centre,
 //!   backlash.
 //! - [`stepgen`] places the steps of all six motors into words, one for each tick of 1 us.
+//! - [`store`] keeps settings in flash, and where the motors stand over a reset.
 //! - [`units`] names the quantities; [`error`] the errors.
 //!
 //! Between a parsed number and a word everything is integer arithmetic, so that a board and a desktop make the same
@@ -34,5 +35,6 @@ pub mod motion;
 pub mod scpi;
 pub mod settings;
 pub mod stepgen;
+pub mod store;
 pub mod tasks;
 pub mod units;

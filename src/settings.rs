@@ -1,14 +1,17 @@
 //! What a user can set, its ranges and its defaults.
 
+mod check;
+
 use crate::compensation::backlash::{Flank, Overlay, PlayConfig};
 use crate::compensation::calibration::{Calibration, MotorData, row_bits};
 use crate::compensation::law::Switches;
 use crate::motion::budget::{Rates, take_up_quarter};
 use crate::stepgen::timing::MotorTiming;
 use crate::units::{AXES, Axis, wide};
+use serde::{Deserialize, Serialize};
 
 /// How backlash of a motor is dealt with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BacklashMode {
     /// The overlay stays as it is.
     Off,
@@ -33,7 +36,7 @@ impl BacklashMode {
 }
 
 /// Backlash of one motor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BacklashSettings {
     /// How it is dealt with.
     pub mode: BacklashMode,
@@ -47,8 +50,61 @@ pub struct BacklashSettings {
     pub margin: i32,
 }
 
+/// An end of a motor's travel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Side {
+    /// The lower end.
+    #[default]
+    Lower,
+    /// The upper end.
+    Upper,
+}
+
+/// How the inputs and outputs of a motor beside STEP and DIR are wired: facts of the cabinet, which `*RST` and another
+/// calibration leave alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Wiring {
+    /// Its limit switches are watched: they stop motion.
+    pub limits_on: bool,
+    /// Its limit switches are active when their line is high.
+    pub limits_high: bool,
+    /// The enable line of its driver is active when high.
+    pub enable_high: bool,
+    /// The fault line of its driver is active when high.
+    pub fault_high: bool,
+}
+
+impl Default for Wiring {
+    /// Limit switches are not watched, so that a bare board moves. All inputs are pulled up: a normally closed switch
+    /// to ground is active when its line is high, and so is a broken wire; a fault line is an open collector to ground.
+    fn default() -> Self {
+        Wiring { limits_on: false, limits_high: true, enable_high: false, fault_high: false }
+    }
+}
+
+/// How an axis is homed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HomeSettings {
+    /// On the limit switch of this end.
+    pub side: Side,
+    /// Velocity of the fast approach, nm/s or nrad/s.
+    pub velocity: u64,
+    /// Where the motor stands once it is homed, nm or nrad; none: the end of the travel on that side.
+    pub offset: Option<i32>,
+}
+
+impl HomeSettings {
+    /// Where the motor stands once it is homed, nm or nrad.
+    pub fn reference(&self, motor: &MotorData) -> i32 {
+        self.offset.unwrap_or(match self.side {
+            Side::Lower => motor.travel_lower,
+            Side::Upper => motor.travel_upper,
+        })
+    }
+}
+
 /// Settings of one axis and its motor. Lengths in nm or nrad.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AxisSettings {
     /// Wanted velocity of the logical axis, per s.
     pub velocity: u64,
@@ -72,10 +128,14 @@ pub struct AxisSettings {
     pub timing: MotorTiming,
     /// Backlash.
     pub backlash: BacklashSettings,
+    /// Switches and driver lines.
+    pub wiring: Wiring,
+    /// Homing.
+    pub home: HomeSettings,
 }
 
 /// Everything that a user can set and that `*RST` sets back.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
     /// Per axis.
     pub axes: [AxisSettings; AXES],
@@ -85,7 +145,24 @@ pub struct Settings {
     pub override_percent: u8,
     /// A jog ends after this time without traffic on its link, ms.
     pub jog_timeout_ms: u32,
+    /// Serial port, bits per second. `*RST` leaves it: the link that asks for it must go on.
+    pub baud: u32,
 }
+
+/// Least acceleration and jerk, nm or nrad per s^2 and s^3.
+pub const RATE_MIN: u64 = 1000;
+/// Most steps of dead band and margin.
+pub const STEPS_MAX: i32 = 1 << 20;
+/// Shortest time without traffic after which a jog ends, ms.
+pub const JOG_TIMEOUT_MIN_MS: u32 = 10;
+/// Longest, ms.
+pub const JOG_TIMEOUT_MAX_MS: u32 = 3_600_000;
+/// Serial port after the first power-up, bits per second.
+pub const BAUD_DEFAULT: u32 = 115_200;
+/// Slowest serial port, bits per second.
+pub const BAUD_MIN: u32 = 9_600;
+/// Fastest serial port, bits per second.
+pub const BAUD_MAX: u32 = 1_000_000;
 
 /// Largest share of a motor that a take-up may use: a half.
 pub const TAKE_UP_SHARE_MAX: u64 = 2;
@@ -93,6 +170,9 @@ pub const TAKE_UP_SHARE_MAX: u64 = 2;
 pub const TAKE_UP_SHARE_MIN: u64 = 100;
 /// Default share: a tenth.
 pub const TAKE_UP_SHARE_DEFAULT: u64 = 10;
+
+/// Default velocity of homing: this part of the motor's.
+pub const HOME_PART: u64 = 4;
 
 /// Motor data that hold while no calibration is loaded: the coarse steps and modest rates of a common stage.
 pub fn uncalibrated(axis: Axis, step_q32: u64) -> MotorData {
@@ -154,6 +234,8 @@ impl AxisSettings {
                 dead_band: 1,
                 margin: 10,
             },
+            wiring: Wiring::default(),
+            home: HomeSettings { side: Side::Lower, velocity: (motor.velocity / HOME_PART).max(1), offset: None },
         }
     }
 
@@ -211,6 +293,7 @@ impl Settings {
             switches: Switches::default(),
             override_percent: 100,
             jog_timeout_ms: 1000,
+            baud: BAUD_DEFAULT,
         }
     }
 }

@@ -14,23 +14,31 @@ const BROKEN_MS: u64 = 20;
 const ROUNDS: usize = 4;
 
 /// The front with the links of `N` ports.
-pub struct Controller<const N: usize> {
+///
+/// Both are large and stay where they are: a board has no stack to move them about.
+pub struct Controller<'a, const N: usize> {
     /// The front half.
-    pub front: Front,
-    links: Links<N>,
+    pub front: &'a mut Front,
+    links: &'a mut Links<N>,
     /// Link of each port while it is open.
     open: [Option<usize>; N],
     /// Bytes of a port were lost: until its next LF, or this time, what comes is the rest of a broken message, ms.
     broken_until: [u64; N],
 }
 
-impl<const N: usize> Controller<N> {
+impl<'a, const N: usize> Controller<'a, N> {
     /// All ports closed.
-    pub fn new(front: Front) -> Self {
-        Controller { front, links: Links::new(), open: [None; N], broken_until: [0; N] }
+    pub fn new(front: &'a mut Front, links: &'a mut Links<N>) -> Self {
+        Controller { front, links, open: [None; N], broken_until: [0; N] }
+    }
+
+    /// True when every answer to what came through a port has been handed to it.
+    pub fn has_answered(&self, n: usize) -> bool {
+        self.open[n].is_none_or(|link| self.links.is_quiet(link))
     }
 
     /// One turn: reports up, bytes in, commands, orders down, answers out. Never waits. `now_ms`: time since the start.
+    #[inline(never)] // its stack is not the task's
     pub fn turn(&mut self, hal: &mut impl Hal, ports: &mut [&mut dyn Port; N], now_ms: u64) {
         let mut traffic = false;
         self.take_reports(hal);
@@ -39,7 +47,7 @@ impl<const N: usize> Controller<N> {
             for (n, port) in ports.iter_mut().enumerate() {
                 progress |= self.take_bytes(n, *port, now_ms);
             }
-            progress |= self.links.poll(&mut self.front, now_ms);
+            progress |= self.links.poll(self.front, now_ms);
             self.give_orders(hal);
             for (n, port) in ports.iter_mut().enumerate() {
                 progress |= self.give_answers(n, *port);
@@ -50,15 +58,19 @@ impl<const N: usize> Controller<N> {
             }
         }
         hal.set_watch(self.front.watch());
-        hal.set_enables(self.front.enable_lines());
+        hal.set_enables(self.front.enable_lines(), self.front.disabled_lines());
         let report = self.front.report();
         hal.show(Signs { moving: self.front.is_moving(), fault: report.latched, traffic });
     }
 
     fn take_reports(&mut self, hal: &mut impl Hal) {
         while let Some(report) = hal.report() {
+            let changed = report.differs(self.front.report());
             self.front.receive_report(report);
-            self.links.observe(&self.front);
+            if changed {
+                // short conditions are latched when they change, not only when a client asks
+                self.links.observe(self.front);
+            }
         }
         self.front.plan();
     }
@@ -70,6 +82,8 @@ impl<const N: usize> Controller<N> {
         if self.front.take_rearm() {
             hal.rearm();
         }
+        // before the orders: what is to move is marked before it moves
+        hal.keep(self.front.standstill_record());
         while hal.can_order() {
             let Some(order) = self.front.next_order() else { break };
             hal.order(order);
@@ -106,7 +120,7 @@ impl<const N: usize> Controller<N> {
         match (event, self.open[n]) {
             (PortEvent::Opened, None) => self.open[n] = self.links.open(now_ms),
             (PortEvent::Closed, Some(link)) => {
-                self.links.close(link, &mut self.front);
+                self.links.close(link, self.front);
                 self.open[n] = None;
             }
             (PortEvent::Break, Some(link)) => self.links.clear(link),

@@ -8,7 +8,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-STAGES="fmt clippy doc no_std unit property golden words manual tree scripts readme clients fuzz bench"
+STAGES="fmt clippy doc no_std unit property golden words qemu manual tree scripts readme clients fuzz bench"
 FUZZ_SECONDS=${FUZZ_SECONDS:-60}
 TARGET=${CARGO_TARGET_DIR:-$PWD/target}
 LOGS=$TARGET/test-logs
@@ -46,6 +46,20 @@ need_venv() {
         skip "pip cannot install PyVISA (tests/clients/requirements.txt)"
 }
 
+# A compiler for the board's processor, first in PATH.
+need_thumb() {
+    local before
+    before=$(tests/thumb-target.sh) || skip "no bare-metal target: rustup target add thumbv7em-none-eabihf"
+    export PATH=$before$PATH
+}
+
+# An emulator of a Cortex-M4F.
+need_qemu() {
+    command -v qemu-system-arm >/dev/null || apt_install qemu-system-arm ||
+        skip "install QEMU: apt-get install qemu-system-arm"
+    qemu-system-arm -M help | grep -q '^netduinoplus2 ' || skip "this QEMU has no netduinoplus2: version 6 or later has"
+}
+
 host_sim() {
     cargo build -q --release -p host-sim
     export HOST_SIM=$TARGET/release/host-sim
@@ -61,22 +75,18 @@ stage_fmt() { # Formatting
 
 stage_clippy() { # Clippy without warnings
     cargo clippy --version || skip "install clippy: rustup component add clippy"
-    cargo clippy -q --all-targets -- -D warnings
+    cargo clippy -q --workspace --all-targets -- -D warnings
+    need_thumb
+    cargo clippy -q -p target-tests --target thumbv7em-none-eabihf -- -D warnings
 }
 
 stage_doc() { # Documentation without warnings
-    RUSTDOCFLAGS="-D warnings" cargo doc -q --no-deps
+    RUSTDOCFLAGS="-D warnings" cargo doc -q --no-deps --workspace
 }
 
 stage_no_std() { # The library builds with no operating system
-    local target
-    target=$(rustup target list --installed 2>/dev/null | grep -- '-none' | head -n 1 || true)
-    [ -n "$target" ] || ! timeout 120 rustup target add thumbv7em-none-eabihf || target=thumbv7em-none-eabihf
-    if [ -z "$target" ]; then
-        cargo check -q -p stage-controller --lib
-        skip "no bare-metal target, checked for this machine only: rustup target add thumbv7em-none-eabihf"
-    fi
-    cargo build -q -p stage-controller --lib --target "$target"
+    need_thumb
+    cargo build -q --release -p stage-controller --lib --target thumbv7em-none-eabihf
 }
 
 stage_unit() { # All tests, debug build
@@ -103,6 +113,12 @@ stage_words() { # Debug and release builds play the same words
     cmp "$LOGS/debug.vcd" "$LOGS/release.vcd"
 }
 
+stage_qemu() { # The same words on a Cortex-M4F under QEMU
+    need_thumb
+    need_qemu
+    cargo qemu -q
+}
+
 stage_manual() { # docs/COMMANDS.md is what the command tree gives
     host_sim
     "$HOST_SIM" manual --check docs/COMMANDS.md
@@ -116,7 +132,7 @@ stage_tree() { # The command tree is JSON
 
 stage_scripts() { # Scripts pass shellcheck
     command -v shellcheck >/dev/null || apt_install shellcheck || skip "install shellcheck: apt-get install shellcheck"
-    shellcheck tests/run.sh .ci/run
+    shellcheck tests/run.sh tests/thumb-target.sh tests/target/qemu.sh .ci/run
 }
 
 stage_readme() { # What the README tells to type works
@@ -162,6 +178,7 @@ passed=0 failed=0 skipped=0
 count() {
     awk '
         /^test result: /                      { p += $4; f += $6; s += $8; any = 1; next }
+        /^golden: [0-9]+ passed, [0-9]+ failed$/ { p += $2; f += $4; any = 1; next }
         / (passed|failed|skipped|error).* in [0-9.]+s/ {
             for (i = 2; i <= NF; i++) {
                 if ($i ~ /^passed/) p += $(i - 1)
@@ -201,6 +218,7 @@ run() {
                 echo "    all of it: $log" ;;
         *) sed -n 's/^test \(.*\) \.\.\. ignored,* *\(.*\)/          skipped: \1 (\2)/p' "$log"
            [ "$name" != bench ] || sed 's/^/    /' "$log"
+           [ "$name" != qemu ] || sed -n 's/^figure: /    /p' "$log"
            [ "$name" != property ] || sed -n 's/^figure: /    /p' "$log" ;;
     esac
 }

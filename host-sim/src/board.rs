@@ -6,18 +6,27 @@
 //! generator delays orders and reports by whole segments and lets the ring run low, so that every interleaving of
 //! the two halves can come up, and does again with the same seed.
 
+use crate::flash::{Flash, at_once};
 use crate::machine::Machine;
-use crate::twin::Mechanics;
+use crate::twin::{Mechanics, Switches};
 use stage_controller::controller::border::{Order, Orders, Report};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::generator::Generator;
+use stage_controller::controller::safety::{Cause, Halt, Inputs, Watch};
 use stage_controller::stepgen::segment::Words;
 use stage_controller::stepgen::timing::MAX_GRID;
-use stage_controller::units::{FineSteps, SEGMENT_TICKS};
+use stage_controller::store::{Buffer, RECORD_CAPACITY, Store, service};
+use stage_controller::units::{AXES, FineSteps, SEGMENT_TICKS};
 use std::collections::VecDeque;
 
 /// Segments that the board's ring holds.
 pub const RING: usize = 4;
+/// Longest time between a contact and the stop of the stream, ticks of 1 us.
+pub const STOP_TICKS: u64 = 20;
+/// The same of the emergency stop, which gates the timer in hardware.
+pub const GATE_TICKS: u64 = 2;
+/// Lines of all motors.
+const ALL: u8 = (1 << AXES) - 1;
 
 /// Small seeded generator (xorshift64*), for interleavings only.
 #[derive(Clone, Debug)]
@@ -92,6 +101,22 @@ struct Waiting {
     motor: FineSteps,
 }
 
+/// Something that happens at the stage.
+#[derive(Clone, Copy, Debug)]
+enum Event {
+    Stop(bool),
+    Fault(u8, bool),
+}
+
+/// A stop of the stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stopped {
+    /// Why.
+    pub halt: Halt,
+    /// Ticks from the input to the last word.
+    pub latency: u64,
+}
+
 /// What has just been played, for observers.
 #[derive(Clone, Copy, Debug)]
 pub struct Played<'a> {
@@ -119,7 +144,26 @@ pub struct Board {
     now: u64,
     interleaving: Interleaving,
     seeded: Seeded,
+    stop_after: Option<usize>,
     hash: u64,
+    /// Where settings are kept.
+    pub store: Store<Flash>,
+    buffer: Box<Buffer>,
+    switches: Switches,
+    /// Contacts and latencies, apart from the interleaving.
+    hazard: Seeded,
+    /// What happens at a tick of the next segment.
+    events: Vec<(usize, Event)>,
+    stop_open: bool,
+    faults: u8,
+    /// Lines whose limit switches, whose drivers are wired the other way round.
+    inverted: (u8, u8),
+    watch: Watch,
+    /// The stream is about to stop: words that still play, and why.
+    stopping: Option<(u64, Stopped)>,
+    stopped: Option<Stopped>,
+    halt: Halt,
+    latched: bool,
 }
 
 impl Board {
@@ -139,19 +183,104 @@ impl Board {
             now: 0,
             interleaving,
             seeded: Seeded::new(seed),
+            stop_after: None,
             hash: 0xcbf2_9ce4_8422_2325,
+            store: Flash::blank().store(),
+            buffer: Box::new([0; RECORD_CAPACITY]),
+            switches: Switches::new(machine, seed),
+            hazard: Seeded::new(seed ^ 0x5afe),
+            events: Vec::new(),
+            stop_open: false,
+            faults: 0,
+            inverted: (0, 0),
+            watch: Watch::default(),
+            stopping: None,
+            stopped: None,
+            halt: Halt::default(),
+            latched: false,
         }
+    }
+
+    /// The contact of the emergency stop opens or closes, at some tick of the next segment.
+    pub fn press_stop(&mut self, open: bool) {
+        self.happen(Event::Stop(open));
+    }
+
+    /// The driver of a motor reports a fault, or no longer, at some tick of the next segment.
+    pub fn set_fault(&mut self, motor: usize, active: bool) {
+        self.happen(Event::Fault(1 << motor, active));
+    }
+
+    fn happen(&mut self, event: Event) {
+        let tick = self.hazard.below(SEGMENT_TICKS as u64) as usize;
+        self.events.push((tick, event));
+        self.events.sort_by_key(|(tick, _)| *tick);
+    }
+
+    /// Motors whose limit switches are normally open, and whose fault lines are active when high; bit n of motor n.
+    pub fn rewire(&mut self, limits: u8, faults: u8) {
+        self.inverted = (limits, faults);
+    }
+
+    /// The step output fails by itself, before the next segment plays.
+    pub fn fail(&mut self, cause: Cause) {
+        self.stopping = Some((0, Stopped { halt: Halt { cause, ..Halt::default() }, latency: 0 }));
+    }
+
+    /// Levels of the inputs. All are pulled up: a switch that is normally closed to ground is high when it is tripped.
+    pub fn inputs(&self) -> Inputs {
+        let [lower, upper] = self.switches.tripped();
+        let (limits, faults) = self.inverted;
+        Inputs {
+            lower: lower ^ limits,
+            upper: upper ^ limits,
+            fault: self.faults ^ !faults & ALL,
+            stop: self.stop_open,
+        }
+    }
+
+    /// The last stop of the stream that the front had not asked for.
+    pub fn last_stop(&self) -> Option<Stopped> {
+        self.stopped
+    }
+
+    /// The stream stands until it is armed again.
+    pub fn is_latched(&self) -> bool {
+        self.latched
+    }
+
+    /// Something has happened at the stage that the front does not know yet.
+    pub fn has_news(&self) -> bool {
+        !self.events.is_empty() || self.stopping.is_some() || self.inputs() != self.front.report().inputs
     }
 
     /// One segment of virtual time; `observe` sees what is played.
     pub fn step(&mut self, mut observe: impl FnMut(Played<'_>)) {
         self.now += 1;
         if self.front.take_abort() {
-            self.abort(&mut observe);
+            let any = self.seeded.below(SEGMENT_TICKS as u64 + 1) as usize;
+            let tick = self.stop_after.unwrap_or(any).min(SEGMENT_TICKS);
+            if let Some(waiting) = self.ring.pop_front() {
+                self.twin.feed(&waiting.words[..tick]);
+                self.stop(&waiting, tick, Halt::default(), &mut observe);
+                self.spare.push_back(waiting);
+            }
+        }
+        if self.latched {
+            return self.stand();
         }
         if let Some(waiting) = self.ring.pop_front() {
-            self.play(waiting.segment, &waiting.words, Some(waiting.motor), &mut observe);
+            match self.feed(&waiting.words) {
+                None => self.record(waiting.segment, &waiting.words, Some(waiting.motor), &mut observe),
+                Some((tick, stopped)) => {
+                    self.stopped = Some(stopped);
+                    self.stop(&waiting, tick, stopped.halt, &mut observe);
+                }
+            }
             self.spare.push_back(waiting);
+            if self.latched {
+                return self.stand();
+            }
         }
         let depth = match self.interleaving {
             Interleaving::Prompt => RING,
@@ -162,6 +291,8 @@ impl Board {
             self.refill();
         }
         self.carry();
+        // on the chip the stream stands meanwhile; here it takes no time
+        at_once(service::serve(&mut self.store, &mut self.front, &mut self.buffer));
     }
 
     /// Steps until nothing is pending, at most `segments`; true when it came to rest.
@@ -181,9 +312,7 @@ impl Board {
     }
 
     fn refill(&mut self) {
-        while self.orders.front().is_some_and(|(due, _)| *due <= self.now) {
-            self.arrived.0.extend(self.orders.pop_front().map(|(_, order)| order));
-        }
+        self.arrive();
         let mut waiting = self.spare.pop_back().unwrap_or_else(|| {
             Box::new(Waiting { segment: 0, words: [0; SEGMENT_TICKS], motor: FineSteps::default() })
         });
@@ -191,7 +320,20 @@ impl Board {
         waiting.motor = self.generator.motor_positions();
         waiting.segment = report.next - 1;
         self.ring.push_back(waiting);
+        self.send(report);
+    }
+
+    /// Orders that have come down by now.
+    fn arrive(&mut self) {
+        while self.orders.front().is_some_and(|(due, _)| *due <= self.now) {
+            self.arrived.0.extend(self.orders.pop_front().map(|(_, order)| order));
+        }
+    }
+
+    /// A report on its way up.
+    fn send(&mut self, report: Report) {
         let due = self.now + self.delay();
+        let report = Report { halt: self.halt, inputs: self.inputs(), latched: self.latched, ..report };
         self.reports.push_back((due, report));
     }
 
@@ -203,6 +345,7 @@ impl Board {
             }
         }
         self.front.plan();
+        self.watch = self.front.watch();
         while let Some(order) = self.front.next_order() {
             let due = self.orders.back().map_or(0, |(due, _)| *due).max(self.now + self.delay());
             self.orders.push_back((due, order));
@@ -216,24 +359,94 @@ impl Board {
         }
     }
 
-    /// The timer stops after some words of the segment that would play now.
-    fn abort(&mut self, observe: &mut impl FnMut(Played<'_>)) {
-        let Some(waiting) = self.ring.pop_front() else { return };
-        let tick = self.seeded.below(SEGMENT_TICKS as u64 + 1) as usize;
+    /// Plays the words of a segment; how many, and why, when the stream is stopped in it.
+    fn feed(&mut self, words: &Words) -> Option<(usize, Stopped)> {
+        let (up, down) = self.generator.stepping();
+        let calm = self.events.is_empty() && self.stopping.is_none();
+        if calm && self.is_far() && self.watch.halt(self.inputs(), up, down).is_none() {
+            self.twin.feed(words);
+            return None;
+        }
+        for (k, word) in words.iter().enumerate() {
+            if let Some((0, stopped)) = self.stopping {
+                self.stopping = None;
+                return Some((k, stopped));
+            }
+            self.twin.feed(core::slice::from_ref(word));
+            self.look(k);
+            match &mut self.stopping {
+                Some((left, _)) => *left -= 1,
+                None => self.judge(up, down),
+            }
+        }
+        None
+    }
+
+    fn is_far(&self) -> bool {
+        self.switches.is_far(&self.twin.motors().0, self.twin.ticks())
+    }
+
+    /// What happens at a tick.
+    fn look(&mut self, tick: usize) {
+        while let Some((_, event)) = self.events.first().filter(|(at, _)| *at <= tick).copied() {
+            self.events.remove(0);
+            match event {
+                Event::Stop(open) => self.stop_open = open,
+                Event::Fault(motor, true) => self.faults |= motor,
+                Event::Fault(motor, false) => self.faults &= !motor,
+            }
+        }
+        self.switches.look(&self.twin.driven_steps(), self.twin.ticks());
+    }
+
+    /// The interrupt of the inputs: how long it takes is a matter of what else the processor does.
+    fn judge(&mut self, up: u8, down: u8) {
+        if let Some(halt) = self.watch.halt(self.inputs(), up, down) {
+            let most = if halt.cause == Cause::EmergencyStop { GATE_TICKS } else { STOP_TICKS };
+            let latency = self.hazard.below(most + 1);
+            self.stopping = Some((latency, Stopped { halt, latency }));
+        }
+    }
+
+    /// The stream stands: the generator takes orders, nothing plays.
+    fn stand(&mut self) {
+        self.look(SEGMENT_TICKS);
+        if self.front.take_rearm() && !self.stop_open {
+            self.latched = false;
+        }
+        self.arrive();
+        let report = self.generator.attend(&mut self.arrived);
+        self.played = report.played;
+        self.send(report);
+        self.carry();
+    }
+
+    /// The timer has stopped after `tick` words of a segment, which the stage has seen.
+    fn stop(&mut self, waiting: &Waiting, tick: usize, halt: Halt, observe: &mut impl FnMut(Played<'_>)) {
         // the stream stands until the ring is filled anew: longer than any pulse, so that a line left high ends as one
         let mut words = waiting.words[..tick].to_vec();
         words.resize(tick + MAX_GRID as usize, 0);
-        self.play(waiting.segment, &words, None, observe);
+        self.twin.feed(&words[tick..]);
+        self.record(waiting.segment, &words, None, observe);
         self.generator.abort(waiting.segment, tick, &waiting.words);
+        self.halt = halt;
+        self.latched = halt.cause == Cause::EmergencyStop;
+        self.stopping = None;
         self.ring.clear();
         self.reports.clear();
     }
 
-    fn play(&mut self, segment: u64, words: &[u32], motor: Option<FineSteps>, observe: &mut impl FnMut(Played<'_>)) {
+    /// A segment has been played.
+    fn record(&mut self, segment: u64, words: &[u32], motor: Option<FineSteps>, observe: &mut impl FnMut(Played<'_>)) {
         self.hash = (self.hash ^ multilinear(words)).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(29);
-        self.twin.feed(words);
         self.played = segment + 1;
         observe(Played { segment, words, motor });
+    }
+
+    /// From now on an immediate stop comes after this many words of the segment that then plays, and no longer after
+    /// any number.
+    pub fn stop_after(&mut self, words: usize) {
+        self.stop_after = Some(words);
     }
 
     /// Hash of all words played so far.

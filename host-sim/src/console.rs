@@ -1,6 +1,7 @@
 //! A board with one link and no wire: commands as text, answers as text, virtual time only when asked for.
 
 use crate::board::{Board, Played};
+use crate::control::Control;
 use stage_controller::controller::links::Links;
 use stage_controller::units::SEGMENT_NS;
 
@@ -79,10 +80,11 @@ impl Console {
         text.rsplit_once('\n').map_or(String::new(), |(own, _)| own.to_owned())
     }
 
-    /// Runs a script: a line each; `#` begins a comment, `@12.5` lets 12.5 ms pass. The queries' answers, a line each.
+    /// Runs a script: a line each; `#` begins a comment, `@12.5` lets 12.5 ms pass, `@stop open` and the other words of
+    /// [`Control`] are what a hand does at the stage. The queries' answers, a line each.
     ///
     /// # Errors
-    /// A time that is no number, with its line.
+    /// What is neither a time nor a word, with its line.
     pub fn script(&mut self, script: &str, mut observe: impl FnMut(Played<'_>)) -> Result<Vec<String>, String> {
         let mut answers = Vec::new();
         for (number, line) in script.lines().map(str::trim).enumerate() {
@@ -90,6 +92,11 @@ impl Console {
                 continue;
             }
             let answer = match line.strip_prefix('@') {
+                Some(word) if word.trim().starts_with(|c: char| c.is_ascii_alphabetic()) => {
+                    let control: Control = word.parse().map_err(|why| format!("line {}: {why}", number + 1))?;
+                    control.apply(&mut self.board);
+                    continue;
+                }
                 Some(time) => {
                     let ms = time.trim().parse::<f64>().ok().filter(|ms| (0.0..1e7).contains(ms));
                     let ms = ms.ok_or_else(|| format!("line {}: {line:?} is no time in ms", number + 1))?;

@@ -5,6 +5,8 @@ pub mod board;
 pub mod calibrate;
 pub mod cli;
 pub mod console;
+pub mod control;
+pub mod flash;
 pub mod machine;
 pub mod manual;
 pub mod model;

@@ -101,3 +101,15 @@ fn a_name_beyond_sixteen_characters_or_ascii_is_refused() {
     names(&refusal("name = \"paper\"", "name = \"µ-stage\""), "name", "µ-stage");
     names(&refusal("name = \"paper\"", "name = \"\""), "name", "\"\"");
 }
+
+#[test]
+fn limit_switches_lie_a_little_beyond_the_travel_or_where_the_file_says() {
+    let paper = Machine::paper();
+    assert_eq!(paper.drives[0].switches, [-5.2e6, 5.2e6]);
+    assert!((paper.drives[3].switches[1] - 3.2f64.to_radians() * 1e9).abs() < 1.0, "3 degrees of travel, 0.2 beyond");
+    let own = "step_nm = 50\nswitches_um = [-5500.0, 4000.0]";
+    let machine = Machine::parse(&PAPER.replacen("step_nm = 50", own, 1)).unwrap();
+    assert_eq!((machine.drives[0].switches, machine.drives[1].switches), ([-5.5e6, 4e6], [-5.2e6, 5.2e6]));
+    let swapped = refusal("step_nm = 50", "step_nm = 50\nswitches_um = [1.0, -1.0]");
+    names(&swapped, "axes.X.switches_um", "[1, -1]");
+}

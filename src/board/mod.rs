@@ -1,8 +1,10 @@
 //! The board: STM32F407G-DISC1 with six step/direction drivers. A second board is another folder like this one.
 
+pub mod backup;
 pub mod clock;
 pub mod critical;
 pub mod faults;
+pub mod flash;
 pub mod gpio;
 pub mod pins;
 pub mod port;
@@ -12,15 +14,17 @@ pub mod supervision;
 pub mod usart;
 pub mod usb;
 
+use backup::Backup;
 use clock::ResetCause;
+use embassy_stm32::Peripherals;
 use embassy_stm32::interrupt::Priority;
 use embassy_stm32::pac;
-use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Peripherals, peripherals};
 use refill::Border;
 use stage_controller::controller::border::{Order, Report};
 use stage_controller::controller::safety::{Halt, Watch};
 use stage_controller::hal::{Hal, Signs};
+use stage_controller::store::Standstill;
+use stage_controller::store::standstill::Keeper;
 
 /// What was found out while starting.
 #[derive(Clone, Copy)]
@@ -63,24 +67,19 @@ fn below_the_refill() {
     }
 }
 
-/// Starts the watchdog.
-pub fn watchdog(
-    part: embassy_stm32::Peri<'static, peripherals::IWDG>,
-) -> IndependentWatchdog<'static, peripherals::IWDG> {
-    supervision::start(part)
-}
-
 /// The thread's side of the board.
 pub struct Board {
     border: Border,
-    enables: Option<u8>,
+    backup: Backup,
+    keeper: Keeper,
+    enables: Option<(u8, u8)>,
     signs: Option<Signs>,
 }
 
 impl Board {
-    /// With the border to the refill.
-    pub fn new(border: Border) -> Self {
-        Board { border, enables: None, signs: None }
+    /// With the border to the refill, and the memory that outlives a reset.
+    pub fn new(border: Border, backup: Backup, keeper: Keeper) -> Self {
+        Board { border, backup, keeper, enables: None, signs: None }
     }
 }
 
@@ -111,9 +110,16 @@ impl Hal for Board {
         refill::set_watch(watch);
     }
 
-    fn set_enables(&mut self, levels: u8) {
-        if self.enables.replace(levels) != Some(levels) {
+    fn set_enables(&mut self, levels: u8, disabled: u8) {
+        if self.enables.replace((levels, disabled)) != Some((levels, disabled)) {
+            faults::set_disabled_levels(disabled);
             gpio::write(pac::GPIOC, pins::enable_word(levels));
+        }
+    }
+
+    fn keep(&mut self, standstill: Standstill) {
+        if let Some((copy, bytes)) = self.keeper.update(standstill) {
+            self.backup.write(copy, &bytes);
         }
     }
 

@@ -72,6 +72,13 @@ impl Socket {
     }
 }
 
+impl Socket {
+    /// Nothing waits to be sent.
+    pub fn is_drained(&self) -> bool {
+        self.plug.output.is_empty()
+    }
+}
+
 impl Port for Socket {
     fn event(&mut self) -> Option<PortEvent> {
         let first = self.plug.events.load(Ordering::Relaxed).trailing_zeros();

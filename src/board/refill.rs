@@ -16,6 +16,7 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::Interrupt;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
+use embassy_time::Timer;
 use heapless::spsc::{Consumer, Producer, Queue};
 use stage_controller::controller::border::{Order, Report};
 use stage_controller::controller::generator::Generator;
@@ -26,6 +27,9 @@ use static_cell::StaticCell;
 /// Orders on their way down, reports on their way up; one place of a queue stays empty.
 const ORDERS: usize = 5;
 const REPORTS: usize = 9;
+
+/// The thread is woken by what changes, and after this many refills anyhow: before the reports have filled their queue.
+const CALM: u8 = 4;
 
 /// Lines of EXTI that carry limit switches.
 const SWITCH_LINES: u32 = {
@@ -43,6 +47,9 @@ struct Owned {
     sink: StepDma,
     orders: Consumer<'static, Order>,
     reports: Producer<'static, Report>,
+    last: Report,
+    /// Refills until the thread is woken although nothing has changed.
+    calm: u8,
 }
 
 /// Memory of the refill alone.
@@ -85,7 +92,14 @@ pub fn start(generator: Generator) -> Border {
     let (reports, reports_out) = UP.init(Queue::new()).split();
     // SAFETY: the interrupt that uses it is still masked; the cells above allow one call only.
     unsafe {
-        (*OWNED.0.get()).write(Owned { stream: Stream::new(generator), sink: StepDma::new(), orders, reports });
+        (*OWNED.0.get()).write(Owned {
+            stream: Stream::new(generator),
+            sink: StepDma::new(),
+            orders,
+            reports,
+            last: Report::default(),
+            calm: 0,
+        });
     }
     STARTED.store(true, Ordering::Release);
     watch_switches();
@@ -143,9 +157,18 @@ pub fn halt(halt: Halt) {
     NVIC::pend(Interrupt::TIM2);
 }
 
-/// Lets the stream stand, at standstill, or go on.
-pub fn pause(pause: bool) {
-    PAUSE.store(pause, Ordering::Relaxed);
+/// Lets the stream stand, at standstill, and waits until it does.
+pub async fn pause() {
+    PAUSE.store(true, Ordering::Relaxed);
+    attend();
+    while !STANDING.load(Ordering::Relaxed) {
+        Timer::after_micros(100).await;
+    }
+}
+
+/// Lets the stream go on after a pause.
+pub fn resume() {
+    PAUSE.store(false, Ordering::Relaxed);
     attend();
 }
 
@@ -191,7 +214,7 @@ fn TIM2() {
         return;
     }
     // SAFETY: written before STARTED was; this interrupt alone, which does not nest.
-    let Owned { stream, sink, orders, reports } = unsafe { (*OWNED.0.get()).assume_init_mut() };
+    let Owned { stream, sink, orders, reports, last, calm } = unsafe { (*OWNED.0.get()).assume_init_mut() };
     sink.await_border();
     let wishes = Wishes { pause: PAUSE.load(Ordering::Relaxed), rearm: REARM.swap(false, Ordering::Relaxed) };
     let watch = Watch::from_bits(WATCH.load(Ordering::Relaxed));
@@ -200,10 +223,16 @@ fn TIM2() {
     let (up, down) = stream.stepping();
     STEPPING.store(u32::from(down) << 8 | u32::from(up), Ordering::Relaxed);
     STANDING.store(!stream.is_running(), Ordering::Relaxed);
+    let changed = report.differs(last);
+    *last = report;
     // a full queue means that the thread has newer ones to read than it can; each stands alone
     let _ = reports.enqueue(report);
     supervision::refill_ran();
-    NVIC::pend(WAKER);
+    *calm = calm.saturating_sub(1);
+    if changed || *calm == 0 {
+        *calm = CALM;
+        NVIC::pend(WAKER);
+    }
 }
 
 /// Judges the limit switches on an edge of one.

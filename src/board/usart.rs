@@ -25,9 +25,6 @@ bind_interrupts!(struct Irqs {
 const RING: usize = 2048;
 /// Bytes that are handed on at once.
 const CHUNK: usize = 64;
-/// Baud rate after power-up without settings.
-pub const DEFAULT_BAUD: u32 = 115_200;
-
 /// A new baud rate, once everything sent before it is out.
 pub static BAUD: Signal<CriticalSectionRawMutex, u32> = Signal::new();
 /// The receiver's side of the same.

@@ -7,12 +7,13 @@ use super::calibration::{Calibration, MotorData};
 use super::coupling::row;
 use super::pivot::{Rotation, Screw, Turned, from_sixteenths, to_nanometres};
 use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose, wide};
+use serde::{Deserialize, Serialize};
 
 /// Range of a coordinate in Q32.
 const RANGE: i128 = (COORDINATE_LIMIT as i128) << 32;
 
 /// Which parts of the compensation are on. All on by default.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Switches {
     /// Everything: off is like all of the others off.
     pub compensation: bool,

@@ -41,6 +41,21 @@ pub enum Action {
         /// The side on which it rests, or none.
         flank: Option<Flank>,
     },
+    /// How a motor stands after a start: its flank and its overlay. Only at standstill; an [`Action::Anchor`] follows.
+    Rest {
+        /// Which motor.
+        motor: u8,
+        /// The side on which it rests, or none.
+        flank: Option<Flank>,
+        /// Its overlay, whole steps.
+        overlay: i32,
+    },
+    /// The motor rests on the reference flank, without overlay: its count is what it says. Only at standstill; an
+    /// [`Action::Anchor`] follows.
+    Reference {
+        /// Which motor.
+        motor: u8,
+    },
     /// Pulse timing and sense of the motors. Only at standstill.
     Pulses(Timing),
 }
@@ -110,6 +125,8 @@ pub struct Report {
     pub settled: bool,
     /// Aborts so far.
     pub aborts: u16,
+    /// The segment in which the last abort was.
+    pub halted: u64,
     /// Why the last abort was.
     pub halt: Halt,
     /// Inputs when the report was made.
@@ -120,4 +137,14 @@ pub struct Report {
     pub stepping_up: u8,
     /// Bit n: the same downwards.
     pub stepping_down: u8,
+}
+
+impl Report {
+    /// True when it tells of more than the march of time and counts: what moves, rests, is known or was answered.
+    pub fn differs(&self, before: &Report) -> bool {
+        let state = |r: &Report| {
+            (r.answered, r.aborts, r.moving, r.taking_up, r.negative, r.known, r.owing, r.settled, r.inputs, r.latched)
+        };
+        state(self) != state(before)
+    }
 }

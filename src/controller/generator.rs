@@ -60,7 +60,13 @@ pub struct Generator {
     answered: u16,
     refused: u32,
     aborts: u16,
+    /// The segment in which the last abort was.
+    halted: u64,
+    /// Segments completely played, as far as known.
+    played: u64,
     history: [Start; HISTORY],
+    /// Motors that step up, down, in each of the segments of the history.
+    stepping: [[u8; 2]; HISTORY],
 }
 
 impl Generator {
@@ -83,7 +89,10 @@ impl Generator {
             answered: 0,
             refused: 0,
             aborts: 0,
+            halted: 0,
+            played: 0,
             history: [Start::default(); HISTORY],
+            stepping: [[0; 2]; HISTORY],
         };
         generator.anchor(FinePose::default(), MotorSteps::default());
         generator
@@ -91,6 +100,7 @@ impl Generator {
 
     /// Writes the words of the next segment. `played`: segments completely played so far.
     pub fn refill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
+        self.played = played;
         self.take_orders(orders);
         let moving = self.moving_axes();
         self.remember(moving);
@@ -104,6 +114,7 @@ impl Generator {
             self.busy_until = self.segment + 1;
         } else {
             clear(words, &self.timing);
+            self.stepping[(self.segment % HISTORY as u64) as usize] = [0; 2];
         }
         self.segment += 1;
         self.report(played)
@@ -122,7 +133,21 @@ impl Generator {
             let overlay = self.plays[i].advance((target >> 32) as i32, moving, &self.configs[i]);
             self.motor.0[i] = target.wrapping_add(overlay);
         }
+        self.note_stepping(&from);
         place_all(&mut self.emitters, &from, &self.motor, first_tick(self.segment), &self.timing, words);
+    }
+
+    /// Which motors this segment steps, from where they stood at its start.
+    #[inline(never)]
+    fn note_stepping(&mut self, from: &FineSteps) {
+        let mut both = [0; 2];
+        for (i, (to, from)) in self.motor.0.iter().zip(&from.0).enumerate() {
+            let due = ((to >> 32) as i32).wrapping_sub((from >> 32) as i32);
+            let waiting = self.emitters[i].waiting();
+            both[0] |= u8::from(due > 0 || waiting > 0) << i;
+            both[1] |= u8::from(due < 0 || waiting < 0) << i;
+        }
+        self.stepping[(self.segment % HISTORY as u64) as usize] = both;
     }
 
     /// The pose at the end of this segment; tracks that end are merged into the base, exactly.
@@ -202,6 +227,22 @@ impl Generator {
                 }
                 None => false,
             },
+            Action::Rest { motor, flank, overlay } => match self.plays.get_mut(usize::from(motor)) {
+                Some(play) => {
+                    let target = (self.target.0[usize::from(motor)] >> 32) as i32;
+                    *play = Play::resting(target, flank, overlay);
+                    true
+                }
+                None => false,
+            },
+            Action::Reference { motor } => match self.plays.get_mut(usize::from(motor)) {
+                Some(play) => {
+                    let config = &self.configs[usize::from(motor)];
+                    *play = Play::resting((self.target.0[usize::from(motor)] >> 32) as i32, Some(config.reference), 0);
+                    true
+                }
+                None => false,
+            },
             Action::Pulses(timing) => {
                 self.timing = timing;
                 true
@@ -224,7 +265,7 @@ impl Generator {
         // what is still to be played is silence: reports and an abort in it speak of the new counts
         let Generator { target, motor, emitters, plays, .. } = *self;
         for start in &mut self.history {
-            *start = Start { segment: start.segment, target, motor, emitters, plays, moving: 0 };
+            *start = Start { segment: start.segment, target, motor, emitters, plays, ..Start::default() };
         }
     }
 
@@ -256,6 +297,7 @@ impl Generator {
         }
         self.segment = segment + 1;
         self.busy_until = self.segment;
+        (self.halted, self.played) = (segment, self.segment);
     }
 
     fn start_of(&self, segment: u64) -> Option<&Start> {
@@ -272,7 +314,7 @@ impl Generator {
             motor: self.motor,
             emitters: self.emitters,
             plays: self.plays,
-            moving: 0,
+            ..Start::default()
         }
     }
 
@@ -305,6 +347,7 @@ impl Generator {
             final_steps: self.target.floor(),
             settled: played >= self.busy_until,
             aborts: self.aborts,
+            halted: self.halted,
             overlay: self.plays.map(|p| p.overlay()),
             ..Report::default()
         };
@@ -322,6 +365,7 @@ impl Generator {
                 &self.plays
             }
         };
+        (report.stepping_up, report.stepping_down) = self.stepping_from(played);
         for (i, (play, config)) in plays.iter().zip(&self.configs).enumerate() {
             report.taking_up |= u8::from(play.is_taking_up()) << i;
             report.negative |= u8::from(play.flank() == Flank::Negative) << i;
@@ -333,7 +377,17 @@ impl Generator {
 
     /// Motors that may be stepping up, down, in what plays or waits to be played.
     pub fn stepping(&self) -> (u8, u8) {
-        (0, 0)
+        self.stepping_from(self.played)
+    }
+
+    /// The same from a segment on.
+    fn stepping_from(&self, first: u64) -> (u8, u8) {
+        let mut both = [0; 2];
+        for segment in first.max(self.segment.saturating_sub(HISTORY as u64))..self.segment {
+            let [up, down] = self.stepping[(segment % HISTORY as u64) as usize];
+            both = [both[0] | up, both[1] | down];
+        }
+        (both[0], both[1])
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests

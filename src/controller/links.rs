@@ -14,6 +14,8 @@ struct Link {
     /// Time of the last byte, ms.
     last_traffic_ms: u64,
     open: bool,
+    /// It has been told why the controller started, and what was lost.
+    told: bool,
 }
 
 /// `N` links, numbered from 0.
@@ -31,14 +33,16 @@ impl<const N: usize> Default for Links<N> {
 impl<const N: usize> Links<N> {
     /// All closed.
     pub fn new() -> Self {
-        let link = |n| Link { session: Session::new(n as u8), last_traffic_ms: 0, open: false };
+        let link = |n| Link { session: Session::new(n as u8), last_traffic_ms: 0, open: false, told: false };
         Links { links: core::array::from_fn(link) }
     }
 
-    /// A link opens as after power-up; a free number, none when all are taken.
+    /// A link opens as after power-up; a free number, none when all are taken. The errors of the start
+    /// ([`Front::health`]) are told once on each number, whenever it is open for the first time.
     pub fn open(&mut self, now_ms: u64) -> Option<usize> {
         let n = self.links.iter().position(|link| !link.open)?;
-        self.links[n] = Link { session: Session::new(n as u8), last_traffic_ms: now_ms, open: true };
+        let told = self.links[n].told;
+        self.links[n] = Link { session: Session::new(n as u8), last_traffic_ms: now_ms, open: true, told };
         Some(n)
     }
 
@@ -79,8 +83,12 @@ impl<const N: usize> Links<N> {
 
     /// Executes what can be executed on every link, and ends jogs without traffic. True when something was executed.
     pub fn poll(&mut self, front: &mut Front, now_ms: u64) -> bool {
-        if let Some(error) = front.take_late_error() {
+        while let Some(error) = front.take_late_error() {
             self.report(error);
+        }
+        for link in self.links.iter_mut().filter(|link| link.open && !link.told) {
+            link.told = true;
+            front.health().errors().chain(front.settings_lost()).for_each(|error| link.session.report(error));
         }
         let timeout = u64::from(front.settings().jog_timeout_ms);
         let mut progress = false;

@@ -2,6 +2,7 @@
 
 use super::pins::{DIR_PINS, STEP_PINS};
 use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND};
+use serde::{Deserialize, Serialize};
 
 /// Duration of a tick in nanoseconds.
 const TICK_NS: u32 = 1_000_000_000 / TICKS_PER_SECOND;
@@ -10,7 +11,7 @@ const TICK_NS: u32 = 1_000_000_000 / TICKS_PER_SECOND;
 pub const MAX_GRID: u32 = 32;
 
 /// What the driver of one motor asks for, in nanoseconds. STEP acts on its rising edge.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MotorTiming {
     /// Shortest time that STEP is high.
     pub high_ns: u32,

@@ -31,7 +31,8 @@ class Server:
 
     def __init__(self, path, *args, boards=1):
         command = [path, "serve", "--port", "0", *args]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        pipe, none = subprocess.PIPE, subprocess.DEVNULL
+        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=none, text=True)
         self.tcp, self.pty = [], []
         while len(self.tcp) < boards or len(self.pty) < boards:
             line = self.process.stdout.readline()
@@ -48,9 +49,15 @@ class Server:
             return f"TCPIP::{host}::{port}::SOCKET"
         return f"ASRL{self.pty[board]}::INSTR"
 
+    def hand(self, words):
+        """What a hand does at the stage; the server was started with --console."""
+        self.process.stdin.write(words + "\n")
+        self.process.stdin.flush()
+
     def stop(self):
         self.process.kill()
         self.process.wait()
+        self.process.stdin.close()
         self.process.stdout.close()
 
 

@@ -2,12 +2,15 @@
 
 use super::Failure;
 use super::common::load;
+use crate::control::Control;
+use crate::flash::Flash;
 use crate::server::{Options, Speed, Station, serve};
-use crate::session::power_up;
+use crate::session::power_up_from;
 use mio::Poll;
 use std::io::{self, IsTerminal, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, channel};
 
 /// Serves virtual stage controllers over TCP and a pseudo terminal.
 #[derive(Debug, clap::Args)]
@@ -36,6 +39,23 @@ pub struct Args {
     /// Seed of the interleaving of the controller's two halves.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Keeps what *SAV and SYST:PARK save in this file, as a board does in its flash; without it, in memory until
+    /// the end. Saved settings come before the machine's calibration. Further boards append their number: FILE.2.
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Reads what a hand does at the stage from standard input: `stop open`, `stop closed`, `fault 2 on`, `fault 2 off`.
+    #[arg(long)]
+    console: bool,
+}
+
+/// The flash of a board, counted from 0.
+fn flash(settings: Option<&Path>, board: u16) -> Result<Flash, Failure> {
+    let Some(path) = settings else { return Ok(Flash::blank()) };
+    let mut name = path.as_os_str().to_owned();
+    if board > 0 {
+        name.push(format!(".{}", board + 1));
+    }
+    Flash::file(Path::new(&name)).map_err(|source| Failure::Io { path: name.to_string_lossy().into_owned(), source })
 }
 
 fn speed(text: &str) -> Result<Speed, String> {
@@ -74,8 +94,9 @@ impl Args {
                 Failure::Io { path: format!("{}{hint}", options.address), source }
             };
             let refused = |reason| Failure::Refused(format!("{}: {reason}", self.machine.display()));
-            let front = power_up(&machine, self.cold).map_err(refused)?;
-            stations.push(Station::new(&machine, front, &options, &poll).map_err(at)?);
+            let mut store = flash(self.settings.as_deref(), board)?.store();
+            let front = power_up_from(&mut store, &machine, self.cold).map_err(refused)?;
+            stations.push(Station::new(&machine, front, store, &options, &poll).map_err(at)?);
         }
         println!("Stage controller, machine \"{}\"", machine.name);
         for (n, station) in stations.iter_mut().enumerate() {
@@ -96,8 +117,24 @@ impl Args {
                 eprint!("\r\x1b[K\x1b[?7l{line}\x1b[?7h");
             }
         };
-        serve(&mut stations, poll, status, || false).map_err(net)
+        let words = self.console.then(console);
+        let hand = || words.as_ref().and_then(|words| words.try_recv().ok());
+        serve(&mut stations, poll, status, hand, || false).map_err(net)
     }
+}
+
+/// What standard input says a hand does, from a thread that waits for it.
+fn console() -> Receiver<Control> {
+    let (said, heard) = channel();
+    std::thread::spawn(move || {
+        for line in io::stdin().lines().map_while(Result::ok).filter(|line| !line.trim().is_empty()) {
+            match line.parse() {
+                Ok(control) => drop(said.send(control)),
+                Err(why) => eprintln!("{why}"),
+            }
+        }
+    });
+    heard
 }
 
 /// Three lines that work when pasted.

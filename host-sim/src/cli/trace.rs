@@ -34,7 +34,8 @@ pub struct Args {
     /// Machine file (TOML), or `paper` for the built-in machine.
     #[arg(long, value_name = "FILE", default_value = "paper")]
     machine: PathBuf,
-    /// Commands, one a line; `@12.5` lets 12.5 ms pass, `#` begins a comment; a built-in demonstration by default.
+    /// Commands, one a line; `@12.5` lets 12.5 ms pass, `@stop open`, `@fault 2 on` happen at the stage, `#` begins a
+    /// comment; a built-in demonstration by default.
     #[arg(long, value_name = "FILE")]
     script: Option<PathBuf>,
     /// Where the trace is written.

@@ -2,6 +2,7 @@
 
 use super::{Drive, LARGEST_STATIC, Machine, MachineError, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING, StaticErrors};
 use serde::Deserialize;
+use stage_controller::controller::front::{REFERENCE_NM, REFERENCE_NRAD};
 use stage_controller::units::{AXES, Axis, COORDINATE_LIMIT};
 use std::f64::consts::PI;
 
@@ -77,6 +78,8 @@ struct LinearStage {
     step_nm: f64,
     backlash_nm: f64,
     travel_um: Row<2>,
+    #[serde(default)]
+    switches_um: Option<Row<2>>,
     max_velocity_um_s: f64,
     max_acceleration_um_s2: f64,
     max_jerk_um_s3: f64,
@@ -88,6 +91,8 @@ struct RotaryStage {
     step_nrad: f64,
     backlash_nrad: f64,
     travel_deg: Row<2>,
+    #[serde(default)]
+    switches_deg: Option<Row<2>>,
     max_velocity_deg_s: f64,
     max_acceleration_deg_s2: f64,
     max_jerk_deg_s3: f64,
@@ -99,18 +104,21 @@ struct Written {
     step: f64,
     backlash: f64,
     travel: [f64; 2],
+    switches: Option<[f64; 2]>,
     rates: [f64; 3],
 }
 
 impl Written {
     fn linear(axis: Axis, s: &LinearStage) -> Self {
         let rates = [s.max_velocity_um_s, s.max_acceleration_um_s2, s.max_jerk_um_s3];
-        Written { axis, step: s.step_nm, backlash: s.backlash_nm, travel: s.travel_um.0, rates }
+        let switches = s.switches_um.map(|row| row.0);
+        Written { axis, step: s.step_nm, backlash: s.backlash_nm, travel: s.travel_um.0, switches, rates }
     }
 
     fn rotary(axis: Axis, s: &RotaryStage) -> Self {
         let rates = [s.max_velocity_deg_s, s.max_acceleration_deg_s2, s.max_jerk_deg_s3];
-        Written { axis, step: s.step_nrad, backlash: s.backlash_nrad, travel: s.travel_deg.0, rates }
+        let switches = s.switches_deg.map(|row| row.0);
+        Written { axis, step: s.step_nrad, backlash: s.backlash_nrad, travel: s.travel_deg.0, switches, rates }
     }
 
     fn key(&self, quantity: &str, per: &str) -> String {
@@ -152,7 +160,16 @@ impl Written {
             return Err(MachineError::value(self.key("max_velocity", "_s"), self.rates[0], reason));
         }
         let travel = [lower * scale, upper * scale];
-        Ok(Drive { step: self.step, backlash: self.backlash, travel, velocity, acceleration, jerk })
+        let beyond = if self.axis.is_rotary() { REFERENCE_NRAD } else { REFERENCE_NM } as f64;
+        let switches = match self.switches {
+            None => [travel[0] - beyond, travel[1] + beyond],
+            Some([first, last]) if first < last && first >= -reach && last <= reach => [first * scale, last * scale],
+            Some([first, last]) => {
+                let reason = format!("the lower switch must be below the upper, both within {reach:.0}");
+                return Err(MachineError::value(self.key("switches", ""), format!("[{first}, {last}]"), reason));
+            }
+        };
+        Ok(Drive { step: self.step, backlash: self.backlash, travel, switches, velocity, acceleration, jerk })
     }
 }
 

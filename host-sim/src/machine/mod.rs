@@ -128,6 +128,8 @@ pub struct Drive {
     pub backlash: f64,
     /// Lower and upper end of the travel.
     pub travel: [f64; 2],
+    /// Where the lower and the upper limit switch trip.
+    pub switches: [f64; 2],
     /// Largest velocity per second.
     pub velocity: f64,
     /// Largest acceleration per second squared.

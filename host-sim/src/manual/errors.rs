@@ -18,25 +18,36 @@ fn when(number: ErrorNumber) -> Option<&'static str> {
         InvalidSuffix => "a wrong unit",
         InvalidStringData => "a string without its end",
         InvalidBlockData => "a block that is too short, too long, or that pauses for two seconds",
-        InitIgnored => "kept for scans",
+        InitIgnored => "an axis is being homed",
         SettingsConflict => {
             "a calibration block of another version or shape, a step rate above what the pulse timing allows, \
-             a pivot that is not defined, a step size while a calibration gives it, a move too slow to be planned"
+             a pivot that is not defined, a step size while a calibration gives it, a move too slow to be planned, \
+             homing with limit switches that are not watched, `*RCL` with nothing saved"
         }
         DataOutOfRange => "a value or a move beyond a limit; the text names the axis and the value",
         DataCorrupt => "the CRC of a calibration block is wrong",
+        StorageFault => "settings could not be saved or read; what was saved before is still there",
         SystemError => "an answer that is too long",
         QueueOverflow => "more than 16 errors; the oldest are kept",
         FramingError => "a damaged byte on the serial port, most often a wrong baud rate; the message is dropped",
         InputBufferOverrun => "a message longer than 512 bytes, or bytes that came faster than they could be taken",
         QueryInterrupted | QueryUnterminated | QueryDeadlocked => "kept for GPIB gateways",
-        NotHomed => "`POSE` or `AXIS<n>:MOVE` before the axes are homed",
+        NotHomed => "`POSE` or `AXIS<n>:MOVE` before the axes are homed; homing did not find its switch",
+        LimitSwitch => {
+            "a limit switch stopped the motors, or a move leads towards an active one; the text names axis and switch"
+        }
+        EmergencyStop => "the emergency stop was opened, or is still latched or open",
+        StepDeadline => "steps could not be made in time, or the step output failed: all motors were stopped",
+        SettingsLost => "saved settings could not be read at the start; once on every link, and QUEStionable bit 8",
+        Clock => "the crystal does not run",
+        WatchdogRestart => "the watchdog restarted the controller",
+        DriverFault => "a driver reports a fault: it is disabled, and not enabled before the fault has gone",
         Moving => "the command needs standstill",
         NoCalibration => "a part of the compensation is switched on or asked for with no calibration loaded",
         AxisDisabled => "a motor that the move would step is disabled",
-        PositionUncertain => "an immediate stop began above `VEL:STAR`: the count is exact, the motor may have slipped",
-        LimitSwitch | EmergencyStop | StepDeadline | SettingsLost | Clock | WatchdogRestart | DriverFault => {
-            "kept for the board"
+        PositionUncertain => {
+            "an immediate stop began above `VEL:STAR`, or the driver failed: the count is exact, the motor may have \
+             slipped"
         }
         _ => return None,
     })

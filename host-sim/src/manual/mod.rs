@@ -6,13 +6,19 @@ mod settings;
 
 /// The whole manual.
 pub fn text() -> String {
-    let [rules, links, status, later] =
-        [include_str!("rules.md"), include_str!("links.md"), include_str!("status.md"), include_str!("later.md")];
+    let [rules, links, saving, safety, status, later] = [
+        include_str!("rules.md"),
+        include_str!("links.md"),
+        include_str!("saving.md"),
+        include_str!("safety.md"),
+        include_str!("status.md"),
+        include_str!("later.md"),
+    ];
     let (sections, settings, errors) = (commands::sections(), settings::table(), errors::table());
     format!(
         "<!-- Made by `host-sim manual -o docs/COMMANDS.md` from src/scpi/tree/table.rs. -->\n\
          # The commands of the stage controller\n\n\
-         {rules}\n{links}\n\
+         {rules}\n{links}\n{saving}\n{safety}\n\
          ## Commands\n\n\
          Every command can also raise the errors of syntax, -101 to -161.\n\n\
          {sections}\

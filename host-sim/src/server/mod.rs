@@ -15,6 +15,7 @@ mod station;
 pub use pty::{Pty, make_raw};
 pub use station::{Options, Speed, Station};
 
+use crate::control::Control;
 use mio::{Events, Poll};
 use std::io;
 use std::time::{Duration, Instant};
@@ -28,7 +29,8 @@ const BUSY_SLEEP: Duration = Duration::from_micros(500);
 /// Longest sleep while nothing moves: a pseudo terminal that is opened must be seen soon.
 const IDLE_SLEEP: Duration = Duration::from_millis(10);
 
-/// Serves until `stop` says so. `status` is given the live line now and then.
+/// Serves until `stop` says so. `status` is given the live line now and then, `hand` is asked what a hand does at the
+/// stage.
 ///
 /// # Errors
 /// Those of the system's poll.
@@ -36,6 +38,7 @@ pub fn serve(
     stations: &mut [Station],
     mut poll: Poll,
     mut status: impl FnMut(&str),
+    hand: impl Fn() -> Option<Control>,
     stop: impl Fn() -> bool,
 ) -> io::Result<()> {
     let start = Instant::now();
@@ -44,6 +47,9 @@ pub fn serve(
     let mut next_status = start;
     while !stop() {
         let mut busy = false;
+        while let Some(control) = hand() {
+            stations.iter_mut().for_each(|station| station.control(control));
+        }
         for station in stations.iter_mut() {
             busy |= station.turn(start.elapsed(), budget);
         }

@@ -3,12 +3,16 @@
 use super::link::{State, Stream};
 use super::pty::Pty;
 use crate::board::{Board, Interleaving};
+use crate::control::Control;
+use crate::flash::Flash;
 use crate::machine::Machine;
 use mio::net::{TcpListener, TcpStream};
 use mio::unix::SourceFd;
 use mio::{Interest, Poll, Token};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
+use stage_controller::controller::safety::Inputs;
+use stage_controller::store::Store;
 use stage_controller::units::decimal::{Formatted, Unit};
 use stage_controller::units::{Axis, SEGMENT_NS};
 use std::io::{self, Read, Write};
@@ -65,6 +69,17 @@ struct Terminal {
     leaving: bool,
 }
 
+/// What conditions follow, of the latest report.
+#[derive(Clone, Copy, Default, PartialEq)]
+struct Seen {
+    moving: u8,
+    taking_up: u8,
+    settled: bool,
+    aborts: u16,
+    inputs: Inputs,
+    latched: bool,
+}
+
 /// One board with its links.
 pub struct Station {
     board: Board,
@@ -77,16 +92,23 @@ pub struct Station {
     reached: Duration,
     /// The last turn did not catch up with wall time.
     late: bool,
-    seen: (u8, u8, bool),
+    seen: Seen,
 }
 
 impl Station {
-    /// Sets a board up and listens; `front` as after power-up.
+    /// Sets a board up and listens; `front` as after power-up, `store` where it keeps its settings.
     ///
     /// # Errors
     /// Those of the sockets.
-    pub fn new(machine: &Machine, front: Front, options: &Options, poll: &Poll) -> io::Result<Self> {
+    pub fn new(
+        machine: &Machine,
+        front: Front,
+        store: Store<Flash>,
+        options: &Options,
+        poll: &Poll,
+    ) -> io::Result<Self> {
         let mut board = Board::new(machine, front, Interleaving::Jittered(2), options.seed);
+        board.store = store;
         board.settle();
         let mut listener = TcpListener::bind(options.address)?;
         poll.registry().register(&mut listener, IDLE_TOKEN, Interest::READABLE)?;
@@ -107,7 +129,7 @@ impl Station {
             speed: options.speed,
             reached: Duration::ZERO,
             late: false,
-            seen: (0, 0, true),
+            seen: Seen::default(),
         })
     }
 
@@ -122,6 +144,11 @@ impl Station {
     /// Path of its pseudo terminal.
     pub fn terminal(&mut self) -> Option<std::path::PathBuf> {
         self.pty.as_mut().map(|pty| pty.stream.get_mut().path().to_owned())
+    }
+
+    /// A hand does something at the stage.
+    pub fn control(&mut self, control: Control) {
+        control.apply(&mut self.board);
     }
 
     /// True when virtual time runs as fast as it can, or lags behind.
@@ -147,6 +174,7 @@ impl Station {
 
     fn is_busy(&self) -> bool {
         self.board.front.operation_pending()
+            || self.board.has_news()
             || self.clients.iter().any(|c| c.stream.has_input() || c.leaving && !c.stream.has_output())
             || self.pty.as_ref().is_some_and(|pty| pty.leaving)
     }
@@ -241,7 +269,7 @@ impl Station {
         match self.speed {
             Speed::Max => {
                 for n in 0..FLAT_OUT_SEGMENTS {
-                    if !self.board.front.operation_pending() || is_over(n) {
+                    if !(self.board.front.operation_pending() || self.board.has_news()) || is_over(n) {
                         break;
                     }
                     self.step();
@@ -271,7 +299,14 @@ impl Station {
     /// Short conditions are latched when they change, not only when a client asks.
     fn observe(&mut self) {
         let report = self.board.front.report();
-        let now = (report.moving, report.taking_up, report.settled);
+        let now = Seen {
+            moving: report.moving,
+            taking_up: report.taking_up,
+            settled: report.settled,
+            aborts: report.aborts,
+            inputs: report.inputs,
+            latched: report.latched,
+        };
         if now != self.seen {
             self.seen = now;
             self.links.observe(&self.board.front);

@@ -208,6 +208,11 @@ impl Mechanics {
         MotorSteps(self.drives.map(|drive| drive.motor))
     }
 
+    /// Positions of the driven sides in steps: on the positive flank those of the motors.
+    pub fn driven_steps(&self) -> [f64; AXES] {
+        self.drives.map(|drive| drive.driven + drive.half_play)
+    }
+
     /// Actuator positions behind the play in nm and nrad; on the positive flank motor · step.
     pub fn actuators(&self) -> [f64; AXES] {
         std::array::from_fn(|i| (self.drives[i].driven + self.drives[i].half_play) * self.steps[i])

@@ -154,7 +154,15 @@ impl Dice {
         let velocity = (step * 400e3).min(2e6);
         let (acceleration, jerk) = (velocity * 10.0, velocity * 200.0);
         let end = self.between(travel.0, travel.1).round();
-        Drive { step, backlash: step * 7.0, travel: [-end, end], velocity, acceleration, jerk }
+        Drive {
+            step,
+            backlash: step * 7.0,
+            travel: [-end, end],
+            switches: [-1.1 * end, 1.1 * end],
+            velocity,
+            acceleration,
+            jerk,
+        }
     }
 
     /// A pose of whole nm and nrad within the travel.

@@ -1,6 +1,7 @@
 //! Commands of one axis and its motor.
 
 use super::setting::Setting;
+use super::{home, wiring};
 use crate::compensation::backlash::Flank;
 use crate::compensation::calibration::{STEP_END, STEP_MIN};
 use crate::controller::front::Front;
@@ -9,7 +10,8 @@ use crate::scpi::parser::Call;
 use crate::scpi::response::{Response, axis_unit};
 use crate::scpi::tree::Command as C;
 use crate::settings::{
-    AxisSettings, BacklashMode, TAKE_UP_SHARE_MAX, TAKE_UP_SHARE_MIN, default_step_q32, steps_to_units,
+    AxisSettings, BacklashMode, RATE_MIN, STEPS_MAX, TAKE_UP_SHARE_MAX, TAKE_UP_SHARE_MIN, default_step_q32,
+    steps_to_units,
 };
 use crate::stepgen::timing::MotorTiming;
 use crate::units::decimal::{Displacement, Unit};
@@ -21,10 +23,6 @@ const MODE: [BacklashMode; 4] =
     [BacklashMode::Off, BacklashMode::Reversal, BacklashMode::UniPositive, BacklashMode::UniNegative];
 /// Their short forms, as answered.
 const MODE_ANSWERS: [&str; 4] = ["OFF", "REV", "UNIP", "UNIN"];
-/// Most steps of dead band and margin.
-const STEPS_MAX: i64 = 1 << 20;
-/// Least acceleration and jerk, nm or nrad per s^2 and s^3.
-const RATE_MIN: i64 = 1000;
 /// Longest pulse, ns.
 const PULSE_MAX: i64 = 32_000;
 /// Longest set-up or hold time, ns.
@@ -86,6 +84,14 @@ pub fn execute(front: &mut Front, axis: Axis, link: u8, call: &Call<'_>, out: &m
             let on = Setting::switch(front.is_enabled(axis), false).access_switch(call, |v| out.integer(v))?;
             on.map_or(Ok(()), |on| front.set_enabled(axis, on))
         }
+        C::AxisEnablePolarity
+        | C::AxisFaultPolarity
+        | C::AxisLimitHard
+        | C::AxisLimitHardPolarity
+        | C::AxisLimitHardState => wiring::execute(front, axis, call, out),
+        C::AxisHome | C::AxisHomeType | C::AxisHomeVelocity | C::AxisHomeOffset | C::AxisHomeState => {
+            home::execute(front, axis, call, out)
+        }
         C::AxisStepSize => step_size(front, axis, call, out),
         C::AxisStepInvert | C::AxisStepTiming => pulses(front, axis, call, out),
         C::AxisBacklashMode
@@ -133,10 +139,12 @@ fn rates_and_limits(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Re
         C::AxisVelocityStart => {
             (rate(own.start_velocity, 0, motor.velocity, default.start_velocity), 1, &mut new.start_velocity)
         }
-        C::AxisAcceleration => {
-            (rate(own.acceleration, RATE_MIN, motor.acceleration, default.acceleration), 2, &mut new.acceleration)
-        }
-        C::AxisJerk => (rate(own.jerk, RATE_MIN, motor.jerk, default.jerk), 3, &mut new.jerk),
+        C::AxisAcceleration => (
+            rate(own.acceleration, RATE_MIN as i64, motor.acceleration, default.acceleration),
+            2,
+            &mut new.acceleration,
+        ),
+        C::AxisJerk => (rate(own.jerk, RATE_MIN as i64, motor.jerk, default.jerk), 3, &mut new.jerk),
         _ => return limits(front, axis, call, out),
     };
     let value = setting.access(call, |p| p.rate(axis, order), |v| out.axis_quantity(axis, v, order))?;
@@ -195,7 +203,7 @@ fn backlash(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) 
             new.mode = MODE[mode as usize & 3];
         }
         C::AxisBacklashDistance => {
-            let most = steps_to_units(STEPS_MAX, motor.step_q32).min(COORDINATE_LIMIT.into());
+            let most = steps_to_units(STEPS_MAX.into(), motor.step_q32).min(COORDINATE_LIMIT.into());
             let setting = Setting { now: own.distance.into(), least: 0, most, default: default.distance.into() };
             let parse = |p: &mut crate::scpi::params::Params<'_>| p.coordinate(axis).map(i64::from);
             let Some(value) = setting.access(call, parse, |v| out.axis_quantity(axis, v, 0))? else { return Ok(()) };
@@ -218,7 +226,7 @@ fn backlash(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) 
                 C::AxisBacklashDeadband => (own.dead_band, default.dead_band, &mut new.dead_band),
                 _ => (own.margin, default.margin, &mut new.margin),
             };
-            let setting = Setting { now: now.into(), least: 0, most: STEPS_MAX, default: default.into() };
+            let setting = Setting { now: now.into(), least: 0, most: STEPS_MAX.into(), default: default.into() };
             let Some(value) = setting.access(call, |p| p.number(Unit::COUNT), |v| out.integer(v))? else {
                 return Ok(());
             };

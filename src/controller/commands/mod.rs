@@ -4,8 +4,11 @@
 
 mod axis;
 mod compensation;
+mod home;
 mod pose;
 mod setting;
+mod system;
+mod wiring;
 
 use super::front::{Front, axis_condition};
 use crate::error::Error;
@@ -14,21 +17,32 @@ use crate::scpi::response::Response;
 use crate::scpi::session::{Flow, Instrument};
 use crate::scpi::status::Conditions;
 use crate::scpi::tree::Command as C;
+use crate::settings::{JOG_TIMEOUT_MAX_MS, JOG_TIMEOUT_MIN_MS};
 use crate::units::Axis;
 use crate::units::decimal::Unit;
 use setting::{Setting, nanoseconds};
 
 /// Bits of STATus:OPERation and STATus:QUEStionable.
 mod condition {
+    pub const HOMING: u16 = 1 << 0;
     pub const MOVING: u16 = 1 << 8;
     pub const TAKE_UP: u16 = 1 << 9;
+    pub const SETTINGS_LOST: u16 = 1 << 8;
+    pub const DEADLINE: u16 = 1 << 9;
+    pub const EMERGENCY_STOP: u16 = 1 << 10;
     pub const LIMIT: u16 = 1 << 11;
+    pub const INTERNAL_OSCILLATOR: u16 = 1 << 12;
 }
 
 impl Instrument for Front {
     fn execute(&mut self, link: u8, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
-        let stops = matches!(call.command, C::Abort | C::AxisStopImmediate | C::AxisStop | C::Stop);
+        let stops =
+            matches!(call.command, C::Abort | C::AxisStopImmediate | C::AxisStop | C::Stop | C::EmergencyStopClear);
         if !call.query && !stops && self.is_busy_at_the_border() {
+            return Ok(Flow::Wait);
+        }
+        let stores = matches!(call.command, C::Save | C::Recall | C::SystemPark);
+        if !call.query && !stops && !stores && self.storage_pending() {
             return Ok(Flow::Wait);
         }
         match call.command {
@@ -40,8 +54,8 @@ impl Instrument for Front {
                 let millisecond = nanoseconds(1);
                 let setting = Setting {
                     now: i64::from(self.settings.jog_timeout_ms) * millisecond,
-                    least: 10 * millisecond,
-                    most: 3_600_000 * millisecond,
+                    least: i64::from(JOG_TIMEOUT_MIN_MS) * millisecond,
+                    most: i64::from(JOG_TIMEOUT_MAX_MS) * millisecond,
                     default: 1000 * millisecond,
                 };
                 let parse = |p: &mut crate::scpi::params::Params<'_>| p.number(Unit::TIME);
@@ -49,8 +63,14 @@ impl Instrument for Front {
                     self.settings.jog_timeout_ms = ((t + millisecond / 2) / millisecond) as u32;
                 }
             }
+            C::Save | C::Recall | C::SystemPark | C::SerialBaud => return system::execute(self, call, out),
             C::Stop => self.stop_all(),
             C::Abort => self.abort(),
+            C::EmergencyStopState => {
+                out.integer(u8::from(self.is_stopped()));
+                out.integer(u8::from(self.stop_contact_open()));
+            }
+            C::EmergencyStopClear => self.clear_stop()?,
             C::StatusAxis => out.integer(self.axis_condition(call.axis())),
             _ => return other(self, link, call, out),
         }
@@ -67,17 +87,20 @@ impl Instrument for Front {
 
     fn conditions(&self) -> Conditions {
         let mut conditions = Conditions::default();
-        for axis in Axis::ALL {
-            let own = self.axis_condition(axis);
+        for (axis, own) in Axis::ALL.into_iter().zip(self.axis_conditions()) {
             let bit = 1 << (axis.index() + 1);
             let has = |mask: u16| own & mask != 0;
             if has(axis_condition::MOVING) {
                 conditions.operation_instrument |= bit;
             }
-            if !has(axis_condition::HOMED) || has(axis_condition::UNCERTAIN) {
+            if !has(axis_condition::HOMED) || has(axis_condition::UNCERTAIN | axis_condition::DRIVER_FAULT) {
                 conditions.questionable_instrument |= bit;
             }
-            if has(axis_condition::SOFT_LOW | axis_condition::SOFT_HIGH) {
+            let limits = axis_condition::SOFT_LOW
+                | axis_condition::SOFT_HIGH
+                | axis_condition::HARD_LOW
+                | axis_condition::HARD_HIGH;
+            if has(limits) {
                 conditions.questionable |= condition::LIMIT;
             }
         }
@@ -86,6 +109,20 @@ impl Instrument for Front {
         }
         if self.taking_up() != 0 {
             conditions.operation |= condition::TAKE_UP;
+        }
+        if self.homing_axis().is_some() {
+            conditions.operation |= condition::HOMING;
+        }
+        let health = self.health();
+        for (set, bit) in [
+            (self.settings_lost().is_some(), condition::SETTINGS_LOST),
+            (self.missed_deadline(), condition::DEADLINE),
+            (self.is_stopped(), condition::EMERGENCY_STOP),
+            (health.internal_oscillator, condition::INTERNAL_OSCILLATOR),
+        ] {
+            if set {
+                conditions.questionable |= bit;
+            }
         }
         conditions
     }

@@ -1,12 +1,12 @@
 //! Calibration, switches and pivots: changes of the law at standstill, which move no motor.
 
+use super::orders::Waiting;
 use super::{Front, LEVER_LIMIT_NM, PIVOTS, check_step_rates, refuse};
 use crate::compensation::calibration::Calibration;
 use crate::compensation::law::{Law, Switches, largest_lever_nm};
-use crate::controller::border::Action;
 use crate::error::{Error, ErrorNumber};
 use crate::settings::Settings;
-use crate::units::Axis;
+use crate::units::{Axis, MotorSteps};
 
 impl Front {
     /// Loads a calibration block: never moves a motor; backlash, travel and rates are taken from it.
@@ -25,9 +25,10 @@ impl Front {
             .map_err(|_| Error::text(ErrorNumber::SettingsConflict, "calibration block length"))?;
         let fresh = Settings::defaults(Some(&calibration));
         for (own, new) in self.settings.axes.iter_mut().zip(&fresh.axes) {
-            let (inverted, timing) = (own.inverted, own.timing);
+            let (inverted, timing, wiring, home) = (own.inverted, own.timing, own.wiring, own.home);
             *own = *new;
-            (own.inverted, own.timing) = (inverted, timing);
+            (own.inverted, own.timing, own.wiring) = (inverted, timing, wiring);
+            (own.home.side, own.home.offset) = (home.side, home.offset);
         }
         self.pivots = [None; PIVOTS];
         self.pivot = 0;
@@ -157,16 +158,25 @@ impl Front {
         Err(Error::text(ErrorNumber::DataOutOfRange, "the stage would stand beyond the range of coordinates"))
     }
 
-    /// Puts the law in force that calibration, switches and pivot ask for.
-    pub(super) fn change_law(&mut self) -> Result<(), Error> {
-        let law = match &self.calibration {
+    /// The law that calibration, switches and pivot ask for.
+    pub(super) fn real_law(&self) -> Law {
+        match &self.calibration {
             Some(calibration) => Law::new(calibration, self.settings.switches, self.pivot_point(calibration)),
             None => Law::identity(&self.motors()),
-        };
+        }
+    }
+
+    /// Puts the law in force that calibration, switches and pivot ask for.
+    pub(super) fn change_law(&mut self) -> Result<(), Error> {
+        self.put_law(self.real_law(), self.report.final_steps)
+    }
+
+    /// Puts a law in force, under which the motors stand at these counts.
+    pub(super) fn put_law(&mut self, law: Law, steps: MotorSteps) -> Result<(), Error> {
         self.capability.law = law;
-        self.order(Action::Law(law))?;
+        self.order(Waiting::Law)?;
         self.refresh_plays()?;
-        self.stand_at(self.report.final_steps);
+        self.stand_at(steps);
         Ok(())
     }
 }

@@ -33,6 +33,8 @@ impl Front {
     }
 
     fn try_check(&self, target: [i64; AXES], check: &mut Check) -> Result<(), Error> {
+        self.armed()?;
+        self.not_homing()?;
         for axis in Axis::ALL {
             self.ready(axis)?;
         }
@@ -48,6 +50,7 @@ impl Front {
         let mut at = from;
         for leg in [over, Some(target)].into_iter().flatten() {
             let run = self.planner.check(&self.capability, at, leg)?;
+            self.check_switches(leg)?;
             check.duration_us += run.segments * SEGMENT_NS / 1000;
             for (rate, new) in check.step_rates.iter_mut().zip(run.step_rates) {
                 *rate = (*rate).max(per_second_q44(new));

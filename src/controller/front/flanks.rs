@@ -1,8 +1,8 @@
 //! Flanks of the motors: homed, or taken up on command.
 
 use super::Front;
+use super::orders::Waiting;
 use crate::compensation::backlash::Flank;
-use crate::controller::border::Action;
 use crate::error::Error;
 use crate::units::{AXES, Axis, Pose};
 
@@ -22,7 +22,7 @@ impl Front {
         self.enabled = [true; AXES];
         self.uncertain = [false; AXES];
         for motor in 0..AXES as u8 {
-            let _ = self.order(Action::Flank { motor, flank: Some(Flank::Positive) });
+            let _ = self.order(Waiting::Flank { motor, flank: Some(Flank::Positive) });
         }
         self.refresh();
     }
@@ -30,8 +30,10 @@ impl Front {
     /// Takes up the play of a motor towards a flank by moving away from it and back; afterwards it is known.
     ///
     /// # Errors
-    /// 104 while moving, 108 disabled, -222 when the way leaves the travel.
+    /// 103 while the emergency stop is latched, 104 while moving, 108 disabled, 102 towards an active switch, -222 when
+    /// the way leaves the travel.
     pub fn preload(&mut self, axis: Axis, flank: Flank) -> Result<(), Error> {
+        self.armed()?;
         self.standstill()?;
         let i = axis.index();
         let back = self.commanded();
@@ -39,6 +41,7 @@ impl Front {
         steps.0[i] = steps.0[i].wrapping_sub(flank.sign().wrapping_mul(self.clearance(axis)));
         let away = self.capability.law.forward(steps);
         self.planner.check(&self.capability, back, away)?;
+        self.check_switches(away)?;
         self.planner.go(away, None);
         self.preload = Some(Preload::Away { axis, flank, away, back });
         Ok(())
@@ -50,7 +53,7 @@ impl Front {
             Some(Preload::Away { away, .. }) if at_rest && self.planner.rest().rounded() != away => self.preload = None,
             Some(Preload::Away { axis, flank, back, .. }) if at_rest => {
                 // having come this far, it rests on the other flank for certain
-                let known = Action::Flank { motor: axis.index() as u8, flank: Some(flank.opposite()) };
+                let known = Waiting::Flank { motor: axis.index() as u8, flank: Some(flank.opposite()) };
                 if self.order(known).is_ok() {
                     self.planner.go(back, None);
                     self.preload = Some(Preload::Back);

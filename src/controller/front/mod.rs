@@ -8,14 +8,25 @@
 mod calibration;
 mod dry_run;
 mod flanks;
+mod homing;
 mod motion;
+mod orders;
+mod safety;
 mod standstill;
+mod storage;
 
 pub use dry_run::Check;
 use flanks::Preload;
+use homing::Homing;
+pub use homing::{REFERENCE_NM, REFERENCE_NRAD, SLOW_STEP_US};
+use orders::{Waiting, WaitingOrder};
+pub use safety::Health;
+use safety::{EmergencyStop, Events};
+use storage::Storage;
+pub use storage::{Start, StorageRequest};
 
-use super::border::{Action, Order, Report};
-use super::safety::Watch;
+use super::border::Report;
+use super::safety::{Inputs, Watch};
 use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
@@ -47,7 +58,10 @@ pub mod axis_condition {
     pub const TAKE_UP: u16 = 1 << 3;
     pub const SOFT_LOW: u16 = 1 << 4;
     pub const SOFT_HIGH: u16 = 1 << 5;
+    pub const HARD_LOW: u16 = 1 << 6;
+    pub const HARD_HIGH: u16 = 1 << 7;
     pub const ENABLED: u16 = 1 << 8;
+    pub const DRIVER_FAULT: u16 = 1 << 9;
     pub const UNCERTAIN: u16 = 1 << 10;
 }
 
@@ -75,12 +89,20 @@ pub struct Front {
     report: Report,
     sequence: u16,
     lead: u64,
-    orders: heapless::Deque<Order, ORDERS>,
+    orders: heapless::Deque<WaitingOrder, ORDERS>,
     homed: [bool; AXES],
     enabled: [bool; AXES],
     uncertain: [bool; AXES],
     abort: Abort,
     preload: Option<Preload>,
+    homing: Option<Homing>,
+    events: Events,
+    health: Health,
+    emergency_stop: EmergencyStop,
+    /// The board is still to be told to arm the step output.
+    rearm: bool,
+    missed_deadline: bool,
+    watch: Watch,
     jog_links: [Option<u8>; AXES],
     /// A motion that was accepted and turned out to break a limit.
     late_error: Option<Error>,
@@ -92,7 +114,11 @@ pub struct Front {
     told: [Option<PlayConfig>; AXES],
     /// Settings were set back during an abort: what follows from them is still to be ordered.
     reset_due: bool,
+    storage: Storage,
 }
+
+// Most of it is the planner's slots. It lives in static memory, of which the board has 64 KB for everything.
+const _: () = assert!(size_of::<Front>() <= 22 * 1024);
 
 /// Counts without overlay that were named at standstill, and the order that says so.
 #[derive(Clone, Copy, Debug)]
@@ -108,10 +134,18 @@ fn refuse(number: ErrorNumber) -> Error {
 impl Front {
     /// Like a board after power-up, without a calibration: not homed, disabled.
     pub fn new() -> Self {
+        let mut front = Self::without_limits();
+        front.refresh();
+        front
+    }
+
+    /// Not inlined: a front is large, and built in place it is on the stack once.
+    #[inline(never)]
+    fn without_limits() -> Self {
         let settings = Settings::defaults(None);
         let motors = settings::motors(None, Some(&settings));
         let law = Law::identity(&motors);
-        let mut front = Front {
+        Front {
             calibration: None,
             block: heapless::Vec::new(),
             settings,
@@ -126,7 +160,8 @@ impl Front {
             }),
             timing: Timing::default(),
             planner: Planner::at_rest(Pose::default()),
-            report: Report { settled: true, ..Report::default() },
+            // lines that are pulled up, until they are known
+            report: Report { settled: true, inputs: Inputs { fault: 0x3f, ..Inputs::default() }, ..Report::default() },
             sequence: 0,
             lead: LEAD,
             orders: heapless::Deque::new(),
@@ -135,15 +170,21 @@ impl Front {
             uncertain: [false; AXES],
             abort: Abort::None,
             preload: None,
+            homing: None,
+            events: Events::default(),
+            health: Health::default(),
+            emergency_stop: EmergencyStop::default(),
+            rearm: false,
+            missed_deadline: false,
+            watch: Watch::default(),
             jog_links: [None; AXES],
             late_error: None,
             hold: None,
             anchor: None,
             told: [None; AXES],
             reset_due: false,
-        };
-        front.refresh();
-        front
+            storage: Storage::default(),
+        }
     }
 
     /// The law and the timing with which the generator must begin.
@@ -152,11 +193,6 @@ impl Front {
     }
 
     // ---- the border ----
-
-    /// The next order for the generator.
-    pub fn next_order(&mut self) -> Option<Order> {
-        self.orders.pop_front()
-    }
 
     /// True when the step output must be stopped at once; whoever owns it does so, rolls the generator back and
     /// lets its reports come in.
@@ -174,22 +210,31 @@ impl Front {
         let aborted = report.aborts != self.report.aborts;
         self.report = report;
         if aborted {
+            self.halted(self.abort != Abort::None);
+            let homing_goes_on = self.homing_outlives(self.abort != Abort::None);
             self.abort = Abort::None;
             self.orders.clear();
             self.preload = None;
+            self.jog_links = [None; AXES];
             // what was ordered while it moved may be lost
             self.told = [None; AXES];
-            let _ = self.refresh_plays();
-            self.stand_at(report.final_steps);
+            if self.homing.is_some() && !homing_goes_on {
+                self.end_homing(None);
+            } else {
+                let _ = self.refresh_plays();
+                self.stand_at(report.final_steps);
+            }
             if core::mem::take(&mut self.reset_due) {
                 let settings = self.settings;
                 let _ = self.set_pulses(&settings).and_then(|()| self.change_law());
             }
         }
+        self.follow_stop();
         let answered = |sequence: u16| report.answered.wrapping_sub(sequence) < 0x8000;
         self.hold = self.hold.filter(|sequence| !answered(*sequence));
         self.anchor = self.anchor.filter(|anchor| !answered(anchor.sequence));
         self.show_anchor();
+        self.storage.answered(answered);
         if self.planner.answer(report.answered, report.refused, report.next) {
             self.lead = (self.lead * 2).min(LEAD_MAX);
         }
@@ -211,6 +256,7 @@ impl Front {
             return;
         }
         self.continue_preload();
+        self.continue_homing();
         if self.hold.is_some() {
             return;
         }
@@ -222,13 +268,17 @@ impl Front {
                 return None;
             }
             *sequence = sequence.wrapping_add(1);
-            let action = Action::Run { slot: proposal.slot, track: *proposal.track };
-            let order = Order { sequence: *sequence, segment: Some(proposal.segment), aborts, action };
+            let action = Waiting::Run { slot: proposal.slot };
+            let order = WaitingOrder { sequence: *sequence, segment: Some(proposal.segment), aborts, action };
             orders.push_back(order).ok().map(|()| *sequence)
         });
         if let Err(error) = result {
             self.late_error = Some(error);
             self.preload = None;
+            self.end_homing(None);
+        }
+        if self.planner.is_running() {
+            self.missed_deadline = false;
         }
         // not sooner: a track that ends within the lead counts as ended, and still runs in the generator
         if !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence {
@@ -236,29 +286,9 @@ impl Front {
         }
     }
 
-    /// What the inputs are watched for; whoever owns the step output judges them by it.
-    pub fn watch(&self) -> Watch {
-        Watch::default()
-    }
-
-    /// Levels of the enable lines; bit n set: the line of driver n is high.
-    pub fn enable_lines(&self) -> u8 {
-        0
-    }
-
-    /// True once when the step output is to be armed again after an emergency stop.
-    pub fn take_rearm(&mut self) -> bool {
-        false
-    }
-
-    /// An error of a motion that had been accepted, once.
-    pub fn take_late_error(&mut self) -> Option<Error> {
-        self.late_error.take()
-    }
-
-    fn order(&mut self, action: Action) -> Result<(), Error> {
+    fn order(&mut self, action: Waiting) -> Result<(), Error> {
         self.sequence = self.sequence.wrapping_add(1);
-        let order = Order { sequence: self.sequence, segment: None, aborts: self.report.aborts, action };
+        let order = WaitingOrder { sequence: self.sequence, segment: None, aborts: self.report.aborts, action };
         self.orders.push_back(order).map_err(|_| Error::text(ErrorNumber::Moving, "orders still on their way"))?;
         self.hold = Some(self.sequence);
         Ok(())
@@ -266,11 +296,17 @@ impl Front {
 
     // ---- state ----
 
-    /// True while motion or take-up goes on, or is still to begin: what `*OPC` waits for.
+    /// True while motion or take-up goes on, or is still to begin, or settings are being saved: what `*OPC` waits for.
     pub fn operation_pending(&self) -> bool {
+        self.motion_pending() || self.storage.is_pending()
+    }
+
+    fn motion_pending(&self) -> bool {
         self.is_moving()
             || self.abort != Abort::None
             || self.preload.is_some()
+            || self.homing.is_some()
+            || self.is_rearming()
             || !self.orders.is_empty()
             || self.report.answered != self.sequence
     }
@@ -282,7 +318,10 @@ impl Front {
 
     /// True while orders are on their way that a further change must wait for.
     pub fn is_busy_at_the_border(&self) -> bool {
-        self.abort != Abort::None || self.unanswered() > UNANSWERED - 2 * AXES as u16 || self.planner.is_about_to_stop()
+        self.abort != Abort::None
+            || self.is_rearming()
+            || self.unanswered() > UNANSWERED - 2 * AXES as u16
+            || self.planner.is_about_to_stop()
     }
 
     /// True until everything that moves, or waits to move, has come to rest in the words played.
@@ -291,7 +330,7 @@ impl Front {
     }
 
     fn standstill(&self) -> Result<(), Error> {
-        if self.is_moving() || self.abort != Abort::None || self.preload.is_some() {
+        if self.is_moving() || self.abort != Abort::None || self.preload.is_some() || self.homing.is_some() {
             return Err(refuse(ErrorNumber::Moving));
         }
         Ok(())
@@ -309,12 +348,20 @@ impl Front {
 
     /// Logical pose of the words played so far.
     pub fn position(&self) -> Pose {
+        if self.homing.is_some() {
+            return self.real_law().forward(self.report.steps);
+        }
         self.capability.law.forward(self.report.steps)
     }
 
-    /// Where the axes are at last to stand; a jog has no target, and is where it is.
+    /// Where the axes are at last to stand; a jog has no target, and is where it is. While an axis is homed, where its
+    /// present way ends.
     pub fn commanded(&self) -> Pose {
-        self.planner.commanded(self.report.next)
+        let commanded = self.planner.commanded(self.report.next);
+        if self.homing.is_some() {
+            return self.real_law().forward(self.capability.law.steps(commanded));
+        }
+        commanded
     }
 
     /// Motor counts really played, overlay included.
@@ -324,22 +371,38 @@ impl Front {
 
     /// Condition bits of an axis.
     pub fn axis_condition(&self, axis: Axis) -> u16 {
+        self.axis_conditions()[axis.index()]
+    }
+
+    /// Condition bits of all axes.
+    pub fn axis_conditions(&self) -> [u16; AXES] {
+        let watch = self.watch();
+        let active = watch.active(self.report.inputs);
+        let active = Inputs { lower: active.lower & watch.limits, upper: active.upper & watch.limits, ..active };
+        let moving = self.report.moving | self.planner.moving_axes();
+        let rest = self.planner.rest().rounded();
+        core::array::from_fn(|i| self.condition_of(i, active, moving, rest.0[i]))
+    }
+
+    /// `active`: inputs that count; `moving`: bit n of axis n; `position`: where the axis stands by command.
+    fn condition_of(&self, i: usize, active: Inputs, moving: u8, position: i32) -> u16 {
         use axis_condition::*;
-        let i = axis.index();
         let bit = |set: bool, bit: u16| if set { bit } else { 0 };
         let at = |mask: u8| mask >> i & 1 != 0;
         let limits = &self.capability.limits.0[i];
-        let moving = at(self.report.moving | self.planner.moving_axes());
-        // where the axis stands by command: what is played is the nearest step of it
-        let watched = limits.soft_on && limits.homed && !moving;
-        let position = self.planner.rest().rounded().0[i];
+        let moving = at(moving);
+        // by command: what is played is the nearest step of it
+        let watched = limits.soft_on && limits.homed && !moving && self.homing.is_none();
         bit(moving, MOVING)
             | bit(self.homed[i], HOMED)
             | bit(at(self.report.known) && !at(self.report.owing), FLANK_KNOWN)
             | bit(at(self.report.taking_up), TAKE_UP)
             | bit(watched && position <= limits.soft_lower, SOFT_LOW)
             | bit(watched && position >= limits.soft_upper, SOFT_HIGH)
+            | bit(at(active.lower), HARD_LOW)
+            | bit(at(active.upper), HARD_HIGH)
             | bit(self.enabled[i], ENABLED)
+            | bit(at(active.fault), DRIVER_FAULT)
             | bit(self.uncertain[i], UNCERTAIN)
     }
 

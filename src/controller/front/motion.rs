@@ -9,6 +9,7 @@ impl Front {
     /// While an immediate stop is carried out, nobody knows yet from where a move would start; a take-up on command
     /// is not to be disturbed.
     fn free_to_move(&self) -> Result<(), Error> {
+        self.not_homing()?;
         if self.abort == Abort::None && self.preload.is_none() { Ok(()) } else { Err(refuse(ErrorNumber::Moving)) }
     }
 
@@ -30,8 +31,9 @@ impl Front {
     /// Moves one axis to a logical coordinate.
     ///
     /// # Errors
-    /// 101, 109, 108, -222: nothing moves.
+    /// 103, 101, 109, 108, 102, -222: nothing moves.
     pub fn move_absolute(&mut self, axis: Axis, to: i64) -> Result<(), Error> {
+        self.armed()?;
         self.ready(axis)?;
         self.move_axis(axis, to)
     }
@@ -39,8 +41,9 @@ impl Front {
     /// Moves one axis by a distance from its commanded coordinate; needs no homing.
     ///
     /// # Errors
-    /// 104 while it jogs, 108, -222: nothing moves.
+    /// 103, 104 while it jogs, 108, 102, -222: nothing moves.
     pub fn move_relative(&mut self, axis: Axis, by: i64) -> Result<(), Error> {
+        self.armed()?;
         self.not_jogging(axis)?;
         self.move_axis(axis, i64::from(self.commanded().0[axis.index()]).saturating_add(by))
     }
@@ -70,8 +73,9 @@ impl Front {
     /// Moves all axes to a pose on one straight line.
     ///
     /// # Errors
-    /// 101, 109, 108, -222: nothing moves.
+    /// 103, 101, 109, 108, 102, -222: nothing moves.
     pub fn pose_absolute(&mut self, target: [i64; AXES]) -> Result<(), Error> {
+        self.armed()?;
         for axis in Axis::ALL {
             self.ready(axis)?;
         }
@@ -82,8 +86,9 @@ impl Front {
     /// Moves all axes by distances from their commanded coordinates; needs no homing.
     ///
     /// # Errors
-    /// 104 while an axis jogs, 108, -222: nothing moves.
+    /// 103, 104 while an axis jogs, 108, 102, -222: nothing moves.
     pub fn pose_relative(&mut self, by: [i64; AXES]) -> Result<(), Error> {
+        self.armed()?;
         Axis::ALL.into_iter().try_for_each(|axis| self.not_jogging(axis))?;
         let mut target = by;
         for (t, from) in target.iter_mut().zip(self.commanded().0) {
@@ -112,14 +117,16 @@ impl Front {
 
     /// Checks a move; answers where it has to overshoot to, if a motor is to end in one direction.
     fn legs(&mut self, from: Pose, to: Pose) -> Result<Option<Pose>, Error> {
-        match self.overshoot(from, to) {
-            None => self.planner.prepare(&self.capability, from, to).map(|()| None),
-            Some(over) => {
-                self.planner.prepare(&self.capability, from, over)?;
-                self.planner.check(&self.capability, over, to)?;
-                Ok(Some(over))
-            }
+        let over = self.overshoot(from, to);
+        let first = over.unwrap_or(to);
+        // what is checked first is made first
+        self.planner.prepare(&self.capability, from, first)?;
+        self.check_switches(first)?;
+        if over.is_some() {
+            self.planner.check(&self.capability, first, to)?;
+            self.check_switches(to)?;
         }
+        Ok(over)
     }
 
     /// Where a move from `from` to `to` has to go first, so that every one-directional motor ends in its direction.
@@ -158,13 +165,14 @@ impl Front {
     /// Constant velocity (nm/s or nrad/s, signed) until a stop, a limit, or another jog; 0 ramps down.
     ///
     /// # Errors
-    /// 108 disabled, -222 beyond the axis' velocity or already at the limit.
+    /// 103, 108 disabled, 102 towards an active switch, -222 beyond the axis' velocity or already at the limit.
     pub fn jog(&mut self, axis: Axis, velocity: i64, link: u8) -> Result<(), Error> {
         let i = axis.index();
         if velocity == 0 {
             self.stop(axis);
             return Ok(());
         }
+        self.armed()?;
         self.free_to_move()?;
         if !self.enabled[i] {
             return Err(Error::axis(ErrorNumber::AxisDisabled, axis));
@@ -187,6 +195,9 @@ impl Front {
                 detail: Detail::Limit { axis, value: i64::from(here), bound: i64::from(limit), motor: false },
             });
         }
+        let mut end = rest.rounded();
+        end.0[i] = limit;
+        self.check_switches(end)?;
         if self.planner.is_coordinated(axis) {
             self.planner.stop_coordinated();
         }
@@ -198,6 +209,7 @@ impl Front {
 
     /// Decelerates an axis, and every coordinated move that it belongs to.
     pub fn stop(&mut self, axis: Axis) {
+        self.stop_homing(axis);
         if self.preload.take().is_some() {
             self.planner.stop_coordinated();
         }
@@ -217,24 +229,28 @@ impl Front {
             self.planner.forget();
             self.preload = None;
             self.jog_links = [None; AXES];
+            self.end_homing(None);
         } else if self.abort == Abort::None {
-            let segment = self.report.played;
-            let speeds = self.planner.speeds(segment);
-            for axis in Axis::ALL {
-                let i = axis.index();
-                // Q32 per segment against nm/s
-                let threshold = wide::div(
-                    (u128::from(self.settings.axes[i].start_velocity) << 32) * u128::from(SEGMENT_NS),
-                    1_000_000_000,
-                );
-                if u128::from(speeds[i]) > threshold + (threshold >> 10) {
-                    self.uncertain[i] = true;
-                }
-            }
+            self.judge_speeds(self.report.played);
             self.planner.clear();
             self.preload = None;
             self.jog_links = [None; AXES];
             self.abort = Abort::Requested;
+        }
+    }
+
+    /// What an immediate stop in this segment begins above the axis' `VEL:STAR` is uncertain from now on.
+    pub(super) fn judge_speeds(&mut self, segment: u64) {
+        let speeds = self.planner.speeds(segment);
+        for (i, speed) in speeds.into_iter().enumerate() {
+            // Q32 per segment against nm/s
+            let threshold = wide::div(
+                (u128::from(self.settings.axes[i].start_velocity) << 32) * u128::from(SEGMENT_NS),
+                1_000_000_000,
+            );
+            if u128::from(speed) > threshold + (threshold >> 10) {
+                self.uncertain[i] = true;
+            }
         }
     }
 

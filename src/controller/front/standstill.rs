@@ -1,9 +1,10 @@
 //! What is named or set at standstill: counts, drivers, pulses, settings.
 
+use super::orders::Waiting;
 use super::{Abort, Anchored, Front, NO_LIMITS, PIVOTS, check_step_rates};
+use crate::compensation::backlash::Overlay;
 use crate::compensation::law::Law;
-use crate::controller::border::Action;
-use crate::error::{Error, ErrorNumber};
+use crate::error::{Detail, Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
 use crate::settings;
 use crate::settings::Settings;
@@ -16,7 +17,7 @@ impl Front {
         let pose = self.capability.law.forward(steps);
         self.planner.rest_at(pose);
         // the queue was just cleared or has room: standstill comes first
-        let _ = self.order(Action::Anchor { pose, steps });
+        let _ = self.order(Waiting::Anchor { pose, steps });
         self.anchor = Some(Anchored { steps, sequence: self.sequence });
         self.show_anchor();
     }
@@ -53,10 +54,13 @@ impl Front {
     /// Enables or disables a motor.
     ///
     /// # Errors
-    /// 104 when it is to be disabled while moving.
+    /// 104 when it is to be disabled while moving, 112 when it is to be enabled while its driver reports a fault.
     pub fn set_enabled(&mut self, axis: Axis, on: bool) -> Result<(), Error> {
         if !on {
             self.standstill()?;
+        } else if self.driver_faults() >> axis.index() & 1 != 0 {
+            let detail = Detail::AxisText(axis, "fault line active; clear the driver or set FAULt:POLarity");
+            return Err(Error { number: ErrorNumber::DriverFault, detail });
         }
         self.enabled[axis.index()] = on;
         self.refresh();
@@ -74,19 +78,21 @@ impl Front {
             .ok_or(Error::text(ErrorNumber::DataOutOfRange, "pulse times above 32 us, or set-up or hold above 128 us"))?
             .with_inverted(settings.axes.map(|a| a.inverted));
         check_step_rates(&timing, &self.motors())?;
-        self.order(Action::Pulses(timing))?;
+        self.order(Waiting::Pulses)?;
         self.timing = timing;
         self.settings.axes = settings.axes;
         Ok(())
     }
 
-    /// Takes over settings of axes: rates and limits at any time, backlash width and mode at standstill.
+    /// Takes over settings of axes: rates and limits at any time, backlash width and mode, wiring and homing at
+    /// standstill.
     ///
     /// # Errors
-    /// 104 when backlash width, mode or reserve change while moving.
+    /// 104 when backlash width, mode or reserve, the wiring or the homing change while moving.
     pub fn set_axes(&mut self, settings: &Settings) -> Result<(), Error> {
         let reserve = |s: &Settings| s.axes.map(|a| (a.backlash.mode, a.backlash.distance, a.backlash.velocity));
-        if reserve(settings) != reserve(&self.settings) {
+        let fitted = |s: &Settings| s.axes.map(|a| (a.wiring, a.home));
+        if reserve(settings) != reserve(&self.settings) || fitted(settings) != fitted(&self.settings) {
             self.standstill()?;
         }
         self.settings.axes = settings.axes;
@@ -116,11 +122,10 @@ impl Front {
         self.abort();
         let fresh = Settings::defaults(self.calibration.as_ref());
         for (own, new) in self.settings.axes.iter_mut().zip(&fresh.axes) {
-            let limits = (own.soft_lower, own.soft_upper, own.soft_on);
-            let step = own.step_q32;
+            let kept = *own;
             *own = *new;
-            (own.soft_lower, own.soft_upper, own.soft_on) = limits;
-            own.step_q32 = step;
+            (own.soft_lower, own.soft_upper, own.soft_on) = (kept.soft_lower, kept.soft_upper, kept.soft_on);
+            (own.step_q32, own.wiring, own.home) = (kept.step_q32, kept.wiring, kept.home);
         }
         self.settings.override_percent = fresh.override_percent;
         self.settings.jog_timeout_ms = fresh.jog_timeout_ms;
@@ -152,6 +157,8 @@ impl Front {
                 enabled: self.enabled[i],
             };
         }
+        self.refresh_homing();
+        self.refresh_watch();
         self.capability.override_percent = self.settings.override_percent;
     }
 
@@ -160,9 +167,12 @@ impl Front {
         self.refresh();
         let motors = self.motors();
         for (i, motor) in motors.iter().enumerate() {
-            let config = self.settings.axes[i].play(motor, self.settings.switches, self.report.overlay[i]);
+            let mut config = self.settings.axes[i].play(motor, self.settings.switches, self.report.overlay[i]);
+            if self.is_homing(i) {
+                config.overlay = Overlay::Frozen;
+            }
             if self.told[i] != Some(config) {
-                self.order(Action::Play { motor: i as u8, config })?;
+                self.order(Waiting::Play { motor: i as u8, config })?;
                 self.told[i] = Some(config);
             }
         }

@@ -249,6 +249,12 @@ impl Planner {
         self.slots.iter().any(|s| s.latest().is_some())
     }
 
+    /// The track that was ordered under this number, while it is unanswered.
+    pub fn on_its_way(&self, slot: u8, sequence: u16) -> Option<Track> {
+        let flight = self.slots.get(usize::from(slot))?.flight.filter(|flight| flight.sequence == sequence)?;
+        Some(flight.active.track)
+    }
+
     /// The wanted speed has changed: what runs is planned again.
     pub fn replan_all(&mut self) {
         for slot in &mut self.slots {
@@ -309,12 +315,16 @@ impl Planner {
 
     /// Forgets every track, desire and goal: the motors were stopped at once.
     pub fn clear(&mut self) {
-        *self = Planner::at_rest(self.rest().rounded());
+        self.rest_at(self.rest().rounded());
     }
 
     /// Stands at a pose.
     pub fn rest_at(&mut self, pose: Pose) {
-        *self = Planner::at_rest(pose);
+        // in place: a planner is too large to be made on the stack of a board
+        self.base = pose.fine();
+        self.slots.iter_mut().for_each(Slot::clear);
+        self.desires = [Desire::None; AXES];
+        (self.goal, self.then_goal, self.then) = (None, None, [None; AXES]);
     }
 
     /// Merges tracks that have ended by the start of `segment` into the base.

@@ -70,6 +70,12 @@ pub(super) struct Slot {
 }
 
 impl Slot {
+    /// Nothing runs, nothing is on its way.
+    pub fn clear(&mut self) {
+        (self.active, self.flight) = (None, None);
+        (self.stop, self.replan) = (false, false);
+    }
+
     /// What will run once the answer is there, as far as known.
     pub fn latest(&self) -> Option<&Active> {
         self.flight.as_ref().map(|f| &f.active).or(self.active.as_ref())

@@ -2,6 +2,7 @@
 
 use super::{Command as C, Entry, Form, Kind, Param};
 use crate::error::ErrorNumber::{self, *};
+use crate::settings::{BAUD_MAX, BAUD_MIN};
 
 const fn param(name: &'static str, kind: Kind) -> Param {
     Param { name, kind, optional: false, extremes: false }
@@ -22,15 +23,31 @@ const COORDINATE_SETTING: &[Param] = &[value("x", Kind::Coordinate)];
 const VELOCITY: &[Param] = &[value("v", Kind::Rate(1))];
 const STEPS: &[Param] = &[value("steps", Kind::Integer(0, 1 << 20))];
 const POSE: &[Param] = &[param("x,y,z,a,b,g", Kind::Pose)];
+/// Where `*SAV` saves: there is one place.
+const PLACE: &[Param] = &[Param { name: "place", kind: Kind::Integer(0, 0), optional: true, extremes: false }];
 const PIVOT: Param = param("k", Kind::Integer(0, 7));
 
 /// What a move of a pose or an axis is refused for; relative ones and jogs need no homing.
-const MOVE_ERRORS: &[ErrorNumber] =
-    &[DataOutOfRange, SettingsConflict, NotHomed, Moving, AxisDisabled, PositionUncertain];
-const RELATIVE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, Moving, AxisDisabled];
+const MOVE_ERRORS: &[ErrorNumber] = &[
+    InitIgnored,
+    SettingsConflict,
+    DataOutOfRange,
+    NotHomed,
+    LimitSwitch,
+    EmergencyStop,
+    Moving,
+    AxisDisabled,
+    PositionUncertain,
+];
+const RELATIVE_ERRORS: &[ErrorNumber] =
+    &[InitIgnored, SettingsConflict, DataOutOfRange, LimitSwitch, EmergencyStop, Moving, AxisDisabled];
+const STANDSTILL: &[ErrorNumber] = &[DataOutOfRange, Moving];
+const LEVEL: &[Param] = &[value("level", Kind::Choice(&["LOW", "HIGH"]))];
 const PIVOT_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, NoCalibration, Moving];
 const SWITCH_ERRORS: &[ErrorNumber] = &[DataOutOfRange, NoCalibration, Moving];
 const NO_CALIBRATION: &[ErrorNumber] = &[NoCalibration];
+const STORAGE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, StorageFault, Moving];
+const RECALL_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, StorageFault, Moving];
 const RANGE: &[ErrorNumber] = &[DataOutOfRange];
 
 const fn entry(command: C, pattern: &'static str, form: Form, params: &'static [Param], help: &'static str) -> Entry {
@@ -83,7 +100,7 @@ impl Entry {
 /// Every command, in the order of the manual.
 pub const TABLE: &[Entry] = &[
     query(C::Identify, "*IDN", "Maker, model, serial number, version.").example("*IDN?"),
-    set(C::Reset, "*RST", NONE, "Aborts, moves nothing, sets every default; keeps calibration, home and limits."),
+    set(C::Reset, "*RST", NONE, "Aborts, moves nothing, sets every default; keeps calibration, home, limits and BAUD."),
     set(C::ClearStatus, "*CLS", NONE, "Clears events and the error queue of this link."),
     mask(C::EventEnable, "*ESE", BYTE, "Standard event status enable.").range("0..255", "0").example("*ESE 60"),
     query(C::EventStatus, "*ESR", "Standard event status; reading clears it.").example("*ESR?"),
@@ -94,6 +111,12 @@ pub const TABLE: &[Entry] = &[
     set(C::Wait, "*WAI", NONE, "Waits until all motion, scanning and take-up have ended."),
     query(C::SelfTest, "*TST", "Self-test: 0 passed.").example("*TST?"),
     query(C::Options, "*OPT", "Options fitted.").example("*OPT?"),
+    set(C::Save, "*SAV", PLACE, "Saves settings, calibration and where the motors stand; goes on when they are saved.")
+        .errors(STORAGE_ERRORS)
+        .example("*SAV"),
+    set(C::Recall, "*RCL", PLACE, "Puts the saved settings and calibration in force; moves nothing.")
+        .errors(RECALL_ERRORS)
+        .example("*RCL"),
     query(C::ErrorNext, "SYSTem:ERRor[:NEXT]", "Takes the oldest error.").example("SYST:ERR?"),
     query(C::ErrorCount, "SYSTem:ERRor:COUNt", "Errors in the queue.").example("SYST:ERR:COUN?"),
     query(C::ErrorAll, "SYSTem:ERRor:ALL", "Takes all errors.").example("SYST:ERR:ALL?"),
@@ -109,6 +132,31 @@ pub const TABLE: &[Entry] = &[
     )
     .range("0.01..3600 s", "1 s")
     .example("SYST:JOG:TIM 500 MS"),
+    set(C::SystemPark, "SYSTem:PARK", NONE, "Saves where the motors stand; the saved settings stay as they are.")
+        .errors(STORAGE_ERRORS)
+        .example("SYST:PARK"),
+    setting(
+        C::SerialBaud,
+        "SYSTem:COMMunicate:SERial:BAUD",
+        &[value("baud", Kind::Integer(BAUD_MIN as i64, BAUD_MAX as i64))],
+        "Speed of the serial port, from when the answers of the message have left.",
+    )
+    .range("9600..1000000", "115200")
+    .example("SYST:COMM:SER:BAUD 115200"),
+    query(
+        C::EmergencyStopState,
+        "SYSTem:ESTop:STATe",
+        "Emergency stop: 1 while it is latched, and 1 while its contact is open.",
+    )
+    .example("SYST:EST:STAT?"),
+    set(
+        C::EmergencyStopClear,
+        "SYSTem:ESTop:CLEar",
+        NONE,
+        "Allows motion again after an emergency stop, once the contact is closed.",
+    )
+    .errors(&[EmergencyStop])
+    .example("SYST:EST:CLE"),
     query(C::OperationEvent, "STATus:OPERation[:EVENt]", "Operation events; reading clears them.")
         .example("STAT:OPER?"),
     query(C::OperationCondition, "STATus:OPERation:CONDition", "Operation conditions.").example("STAT:OPER:COND?"),
@@ -191,7 +239,7 @@ pub const TABLE: &[Entry] = &[
         "Moves at constant velocity until STOP, a limit or a new jog; 0 ramps down.",
     )
     .range("+- the axis' VELocity", "")
-    .errors(&[DataOutOfRange, Moving, AxisDisabled])
+    .errors(&[InitIgnored, DataOutOfRange, LimitSwitch, EmergencyStop, Moving, AxisDisabled])
     .example("AXIS4:MOVE:JOG 0.1 DEG/S"),
     set(C::AxisStop, "AXIS#:STOP[:DECelerate]", NONE, "Stops an axis within its limits.").example("AXIS1:STOP"),
     set(C::AxisStopImmediate, "AXIS#:STOP:IMMediate", NONE, "Stops at once, and all motors with it; see VEL:STAR.")
@@ -241,8 +289,61 @@ pub const TABLE: &[Entry] = &[
     .example("AXIS1:STEP:TIM 1 US,1 US,2.5 US,2.5 US"),
     setting(C::AxisEnable, "AXIS#:ENABle", SWITCH, "Switches the driver.")
         .range("OFF|ON", "OFF")
-        .errors(&[DataOutOfRange, Moving])
+        .errors(&[DataOutOfRange, Moving, DriverFault])
         .example("AXIS1:ENAB ON"),
+    setting(
+        C::AxisEnablePolarity,
+        "AXIS#:ENABle:POLarity",
+        LEVEL,
+        "Level of the enable line that switches the driver on.",
+    )
+    .range("LOW|HIGH", "LOW")
+    .errors(STANDSTILL)
+    .example("AXIS1:ENAB:POL LOW"),
+    setting(C::AxisFaultPolarity, "AXIS#:FAULt:POLarity", LEVEL, "Level of the fault line that reports a fault.")
+        .range("LOW|HIGH", "LOW: an open collector; the input is pulled up")
+        .errors(STANDSTILL)
+        .example("AXIS1:FAUL:POL LOW"),
+    set(
+        C::AxisHome,
+        "AXIS#:HOME[:IMMediate]",
+        NONE,
+        "Homes the axis on a limit switch; see Homing. Only its own motor turns.",
+    )
+    .errors(&[
+        InitIgnored,
+        SettingsConflict,
+        DataOutOfRange,
+        NotHomed,
+        LimitSwitch,
+        EmergencyStop,
+        Moving,
+        AxisDisabled,
+    ])
+    .example("AXIS1:HOME"),
+    setting(
+        C::AxisHomeType,
+        "AXIS#:HOME:TYPE",
+        &[value("side", Kind::Choice(&["LOWer", "UPPer"]))],
+        "The end of the travel at whose limit switch the axis is homed.",
+    )
+    .range("LOWer|UPPer", "LOWer")
+    .errors(STANDSTILL)
+    .example("AXIS1:HOME:TYPE LOW"),
+    setting(C::AxisHomeVelocity, "AXIS#:HOME:VELocity", VELOCITY, "Velocity of the fast approach to the switch.")
+        .range("1 nm/s or nrad/s .. the motor's", "a quarter of the motor's")
+        .errors(STANDSTILL)
+        .example("AXIS1:HOME:VEL 500"),
+    setting(
+        C::AxisHomeOffset,
+        "AXIS#:HOME:OFFSet",
+        COORDINATE_SETTING,
+        "Where the motor stands once it is homed: the coordinate of the axis with the compensation off.",
+    )
+    .range("within +-2^29 nm or nrad", "the end of the travel on that side")
+    .errors(STANDSTILL)
+    .example("AXIS1:HOME:OFFS -5 MM"),
+    query(C::AxisHomeState, "AXIS#:HOME:STATe", "1 when the axis is homed.").example("AXIS1:HOME:STAT?"),
     setting(
         C::AxisLimitSoftLower,
         "AXIS#:LIMit:SOFT:LOWer",
@@ -262,6 +363,30 @@ pub const TABLE: &[Entry] = &[
     setting(C::AxisLimitSoftState, "AXIS#:LIMit:SOFT:STATe", SWITCH, "Switches the logical limits.")
         .range("OFF|ON", "ON")
         .example("AXIS1:LIM:SOFT:STAT ON"),
+    query(
+        C::AxisLimitHard,
+        "AXIS#:LIMit:HARD",
+        "Limit switches, the lower and the upper one: 1 active, watched or not.",
+    )
+    .example("AXIS1:LIM:HARD?"),
+    setting(
+        C::AxisLimitHardPolarity,
+        "AXIS#:LIMit:HARD:POLarity",
+        LEVEL,
+        "Level of the lines of active limit switches.",
+    )
+    .range("LOW|HIGH", "HIGH: normally closed to ground; a broken wire is active")
+    .errors(STANDSTILL)
+    .example("AXIS1:LIM:HARD:POL HIGH"),
+    setting(
+        C::AxisLimitHardState,
+        "AXIS#:LIMit:HARD:STATe",
+        SWITCH,
+        "Whether the limit switches of the axis stop motion.",
+    )
+    .range("OFF|ON", "OFF")
+    .errors(STANDSTILL)
+    .example("AXIS1:LIM:HARD:STAT OFF"),
     setting(
         C::AxisBacklashMode,
         "AXIS#:BACKlash:MODE",
@@ -296,7 +421,7 @@ pub const TABLE: &[Entry] = &[
         &[param("side", Kind::Choice(&["POSitive", "NEGative"]))],
         "Moves through the play and back, so that the flank is known.",
     )
-    .errors(&[DataOutOfRange, SettingsConflict, Moving, AxisDisabled])
+    .errors(&[SettingsConflict, DataOutOfRange, LimitSwitch, EmergencyStop, Moving, AxisDisabled])
     .example("AXIS1:BACK:PREL POS"),
     query(C::AxisBacklashOffset, "AXIS#:BACKlash:OFFSet", "Overlay in motor steps.").example("AXIS1:BACK:OFFS?"),
     query(C::AxisBacklashState, "AXIS#:BACKlash:STATe", "Flank of the motor: POS, NEG or UNKN.")
