@@ -17,7 +17,7 @@ pub const STEP_MIN: u64 = 2 << 32;
 /// Steps are smaller than this, Q32: 65.536 um or urad.
 pub const STEP_END: u64 = 1 << 48;
 const HEADER: usize = 8;
-const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+const CRC: crc::Crc<u32, crc::NoTable> = crc::Crc::<u32, crc::NoTable>::new(&crc::CRC_32_ISO_HDLC);
 
 /// One motor and the stage that it drives. Lengths in nm or, for a rotary stage, nrad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -123,18 +123,30 @@ impl Path {
     }
 }
 
+/// `x / 2^bits` to nearest.
+fn round(x: i128, bits: u32) -> i128 {
+    (x + (1 << (bits - 1))) >> bits
+}
+
+/// `x * 2^up`, where it leaves room.
+#[inline(never)]
+fn fits(x: i128, up: u32) -> Option<i128> {
+    (x.unsigned_abs().leading_zeros() > up + 3).then(|| x << up)
+}
+
+/// A coefficient: three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
+#[inline(never)]
+fn narrow(x: i128) -> Option<i64> {
+    let term = round(x, BITS - COEFFICIENT_BITS);
+    (term.abs() < 10 << COEFFICIENT_BITS).then_some(term as i64)
+}
+
 /// The coefficients of one phase, refused where evaluation could leave an i64.
 #[inline(never)]
 pub(super) fn cubic(n: u32, end: u32, start: i64, sign: i128, from: Point, a1: i128) -> Option<Phase> {
     // At least 1: a shift by 32 has no meaning in u32.
     let k = (32 - n.saturating_sub(1).leading_zeros()).max(1);
-    let round = |x: i128, bits: u32| (x + (1 << (bits - 1))) >> bits;
-    let fits = |x: i128, up: u32| (x.unsigned_abs().leading_zeros() > up + 3).then(|| x << up);
-    // Three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
-    let narrow = |x: i128| {
-        let term = round(sign * x, BITS - COEFFICIENT_BITS);
-        (term.abs() < 10 << COEFFICIENT_BITS).then_some(term as i64)
-    };
+    let narrow = |x: i128| narrow(sign * x);
     let c1 = fits(from.v, k)?;
     let c2 = fits(from.a, 2 * k)? / 2;
     // Ten of the guard bits are enough below and leave room for 2^K above.

@@ -130,7 +130,7 @@ pub enum Form {
     Both,
 }
 
-/// A command.
+/// A command. What the manual says of it is not in the firmware: nobody reads it there, and there is no room for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// Which.
@@ -144,14 +144,19 @@ pub struct Entry {
     /// Parameters of the query.
     pub query_params: &'static [Param],
     /// Range for the manual.
+    #[cfg(not(target_os = "none"))]
     pub range: &'static str,
     /// Default for the manual.
+    #[cfg(not(target_os = "none"))]
     pub default: &'static str,
-    /// Errors that it raises beside those of syntax.
+    /// Errors that it raises beside those of syntax, for the manual.
+    #[cfg(not(target_os = "none"))]
     pub errors: &'static [ErrorNumber],
-    /// One line.
+    /// One line, for the manual.
+    #[cfg(not(target_os = "none"))]
     pub help: &'static str,
-    /// A line that works.
+    /// A line that works, for the manual.
+    #[cfg(not(target_os = "none"))]
     pub example: &'static str,
 }
 
