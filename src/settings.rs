@@ -202,7 +202,7 @@ pub fn default_step_q32(axis: Axis) -> u64 {
 #[inline(never)]
 pub fn steps_to_units(steps: i64, step_q32: u64) -> i64 {
     let units = (i128::from(steps) * i128::from(step_q32) + (1 << 31)) >> 32;
-    units.clamp(i64::MIN.into(), i64::MAX.into()) as i64
+    wide::within(units, i64::MIN.into(), i64::MAX.into()) as i64
 }
 
 /// Steps nearest to a length, halves away from zero.
@@ -250,7 +250,7 @@ impl AxisSettings {
             return Rates::default();
         }
         let share = wide::div_up(u128::from(self.backlash.velocity) << 10, u128::from(motor.velocity.max(1)));
-        motor_rates(motor).share(share.clamp(1, 1024 / u128::from(TAKE_UP_SHARE_MAX)) as u32)
+        motor_rates(motor).share(share.max(1).min(1024 / u128::from(TAKE_UP_SHARE_MAX)) as u32)
     }
 
     /// Configuration of the motor's play in the generator. `overlay`: in steps, as it is now; from a play that was

@@ -152,7 +152,7 @@ impl Law {
                     let lack = ((i64::from(steps.0[i]) << 32) + super::coupling::HALF).saturating_sub(at.0[i]);
                     largest = largest.max(lack.unsigned_abs());
                     let better = i128::from(pose.0[i]) + ((i128::from(lack) * i128::from(self.step[i])) >> 32);
-                    pose.0[i] = better.clamp(-RANGE, RANGE) as i64;
+                    pose.0[i] = wide::within(better, -RANGE, RANGE) as i64;
                 }
                 if largest < 1 << 12 {
                     break;

@@ -129,8 +129,8 @@ impl Bounds {
             ways = core::array::from_fn(|i| to[i].abs_diff(from[i]));
             over = PATH_ONE;
         }
-        for i in 0..AXES {
-            bounds.slope[i] = slope(law.step_q32(i), ways[i], over, turns);
+        for (i, way) in ways.into_iter().enumerate() {
+            bounds.slope[i] = slope(law.step_q32(i), way, over, turns);
             let between = product_q60(bounds.curvature[i], stretch) / 2;
             bounds.slope[i] = bounds.slope[i].saturating_add(between);
             if bounds.lowest[i] >> 32 != bounds.highest[i] >> 32 {

@@ -65,7 +65,7 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
         return cruise_at(path, rates.v, way, &rates);
     }
     let free = at.v + rates.forced(at.a)?;
-    let (mut low, mut high) = (free.clamp(0, rates.v), rates.v);
+    let (mut low, mut high) = (wide::within(free, 0, rates.v), rates.v);
     for _ in 0..STEPS {
         let middle = low + (high - low) / 2;
         let (found, reach) = shape(at, middle, &rates)?;

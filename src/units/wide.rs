@@ -147,6 +147,18 @@ pub fn narrow(x: u128) -> u64 {
     if (x >> 64) as u64 == 0 { x as u64 } else { u64::MAX }
 }
 
+/// The number nearest to `x` that is not below `least` nor above `most`: [`Ord::clamp`] without its panic, which would
+/// bring the decimal text of 128 bits into the firmware.
+pub fn within(x: i128, least: i128, most: i128) -> i128 {
+    if x < least {
+        least
+    } else if x > most {
+        most
+    } else {
+        x
+    }
+}
+
 /// Product with a small number; none beyond 128 bits.
 #[inline(never)]
 pub fn times(x: i128, n: u32) -> Option<i128> {

@@ -300,7 +300,7 @@ impl Planner {
             }
         };
         // nm per segment in Q44 to path units in Q60
-        let speed = ((u128::from(speed) << 16) >> SINGLE_AXIS_UNIT_BITS).clamp(1, 1 << 60) as i64;
+        let speed = (speed >> (SINGLE_AXIS_UNIT_BITS - 16)).clamp(1, 1 << 60) as i64;
         let limits = with_speed(&grant, speed, capability.override_percent);
         let jog = matches!(self.desires[i], Desire::Jog { .. });
         let goal = if jog {
