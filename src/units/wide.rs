@@ -357,10 +357,10 @@ mod tests {
     #[test]
     fn cube_roots_are_the_largest_numbers_whose_cubes_fit() {
         let mut random = Random(4);
-        let cube = |r: u64| u128::from(r).checked_mul(u128::from(r) * u128::from(r)).unwrap_or(u128::MAX);
+        let cube = |r: u64| u128::from(r).saturating_mul(u128::from(r) * u128::from(r));
         for _ in 0..1_000_000 {
             let x = random.wide();
-            let near = random.bits() % (LARGEST_CUBE_ROOT + 1) >> (random.bits() >> 58);
+            let near = (random.bits() % (LARGEST_CUBE_ROOT + 1)) >> (random.bits() >> 58);
             for x in [x, cube(near), cube(near).saturating_sub(1)] {
                 let root = cube_root(x);
                 assert!(cube(root) <= x && (root == LARGEST_CUBE_ROOT || cube(root + 1) > x), "{x:#x}");
