@@ -28,7 +28,7 @@ impl Planner {
         &mut self,
         capability: &Versioned<Capability>,
         segment: u64,
-        order: &mut dyn FnMut(Proposal<'_>) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
         self.merge(segment);
         for slot in 0..SLOTS {
@@ -68,7 +68,7 @@ impl Planner {
         capability: &Capability,
         slot: usize,
         segment: u64,
-        order: &mut dyn FnMut(Proposal<'_>) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) {
         let entry = &mut self.slots[slot];
         if entry.flight.is_some() || !(entry.stop || entry.replan) {
@@ -124,9 +124,9 @@ impl Planner {
         active: Active,
         intent: Intent,
         segment: u64,
-        order: &mut dyn FnMut(Proposal<'_>) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> bool {
-        match order(Proposal { slot: slot as u8, segment, track: &active.track }) {
+        match order(Proposal { slot: slot as u8, segment }) {
             Some(sequence) => {
                 self.slots[slot].flight = Some(Flight { sequence, active, intent });
                 true
@@ -140,7 +140,7 @@ impl Planner {
         capability: &Versioned<Capability>,
         goal: Pose,
         segment: u64,
-        order: &mut dyn FnMut(Proposal<'_>) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
         if self.slots.iter().any(|s| s.flight.is_some()) {
             return Ok(());
@@ -218,7 +218,7 @@ impl Planner {
         capability: &Capability,
         axis: Axis,
         segment: u64,
-        order: &mut dyn FnMut(Proposal<'_>) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
         let i = axis.index();
         if self.desires[i] == Desire::None {

@@ -73,15 +73,13 @@ pub struct Capability {
     pub override_percent: u8,
 }
 
-/// A track that the generator is to run.
+/// A track that the generator is to run: the latest of its slot.
 #[derive(Clone, Copy, Debug)]
-pub struct Proposal<'a> {
+pub struct Proposal {
     /// Which slot.
     pub slot: u8,
     /// With which segment it begins.
     pub segment: u64,
-    /// The track.
-    pub track: &'a Track,
 }
 
 /// Duration and peak rates of a move that is only looked at.

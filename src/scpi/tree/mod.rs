@@ -212,7 +212,12 @@ pub fn help_length() -> usize {
 /// # Errors
 /// -113 unknown, or not in this form; -114 an axis that does not exist.
 pub fn find(nodes: &[&[u8]], query: bool) -> Result<(&'static Entry, Option<u8>), ErrorNumber> {
-    for entry in TABLE.iter().filter(|entry| entry.has(query)) {
+    let first = nodes.first().and_then(|node| node.first()).map_or(0, u8::to_ascii_uppercase);
+    // a header that must begin with another letter: most of them, and a look at it costs little
+    let begins = |entry: &&Entry| {
+        matches!(entry.pattern.as_bytes(), [b'[', ..]) || entry.pattern.as_bytes().first() == Some(&first)
+    };
+    for entry in TABLE.iter().filter(|entry| entry.has(query)).filter(begins) {
         if let Some(suffix) = match_nodes(entry.pattern.as_bytes(), nodes) {
             return match suffix {
                 None => Ok((entry, None)),
