@@ -57,6 +57,7 @@ impl Path {
     }
 
     /// Goes to the acceleration `a1` in `n` segments.
+    #[inline(never)]
     pub fn push(&mut self, n: u32, a1: i128) -> Option<()> {
         if n > 0 {
             *self.phases.get_mut(self.count)? = (n, a1, self.at);

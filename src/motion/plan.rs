@@ -66,6 +66,7 @@ fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
 }
 
 /// The path of a velocity change.
+#[inline(never)]
 fn change(from: Point, v1: i128, rates: &Rates) -> Option<Path> {
     let v_most = most(from, rates)?;
     let a_most = rates.a.max(from.a.abs());
@@ -80,6 +81,7 @@ fn change(from: Point, v1: i128, rates: &Rates) -> Option<Path> {
     Some(path)
 }
 
+#[inline(never)]
 fn quick_change(from: Point, v1: i128, rates: &Rates, lead: bool) -> Option<Path> {
     let mut path = Path::new(from);
     if lead {
@@ -101,6 +103,7 @@ pub(super) fn lead_in(path: &mut Path, rates: &Rates) -> Option<()> {
 ///
 /// How far the acceleration swings through zero first decides both the extreme of the velocity
 /// and its end; with ramps of a few segments neither full swing nor none need keep the limit.
+#[inline(never)]
 fn settled(from: Point, rates: &Rates, v_most: i128) -> Option<Path> {
     if from.a == 0 {
         return Some(Path::new(from));

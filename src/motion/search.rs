@@ -29,6 +29,7 @@ impl Shape {
 }
 
 /// The shape without cruise, and its way, for a cruise velocity.
+#[inline(never)]
 fn shape(from: Point, vc: i128, rates: &Rates) -> Option<(Shape, i128)> {
     let up = rates.ramp(from.v, from.a, vc)?;
     let down = rates.symmetric(vc)?;
@@ -40,6 +41,7 @@ fn shape(from: Point, vc: i128, rates: &Rates) -> Option<(Shape, i128)> {
 ///
 /// With `lead` an acceleration that has to change its sign does so at exactly full jerk first:
 /// slower by a segment or so, but the velocity never goes beyond what the state forces.
+#[inline(never)]
 pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) -> Option<Path> {
     let at = path.at;
     let free = at.v + rates.forced(at.a)?;
@@ -90,6 +92,7 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
 }
 
 /// Fixes the durations for a cruise velocity near `wanted` and solves the rest exactly.
+#[inline(never)]
 fn cruise_at(path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path> {
     if wanted <= 0 {
         return None;
@@ -169,6 +172,7 @@ pub(super) fn solve(f: &dyn Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -
 
 /// Eases the deceleration off for some segments, then stops: for a target between where a stop
 /// ends and where it ends after the acceleration has been zero once.
+#[inline(never)]
 fn ease(path: Path, way: i128, rates: &Rates) -> Option<Path> {
     let at = path.at;
     let most = segments(wide::signed_div(at.a.abs(), rates.j))?;

@@ -22,6 +22,7 @@ const MATRIX_DECIMALS: u32 = 12;
 ///
 /// # Errors
 /// Those of the table of commands.
+#[inline(never)]
 pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
     let mut params = call.params;
     match call.command {
@@ -88,6 +89,7 @@ fn data(front: &Front, out: &mut Response) -> Result<Flow, Error> {
 }
 
 /// D^-1 row by row, then W^-1 row by row, nine numbers a part.
+#[inline(never)]
 fn matrix(front: &Front, out: &mut Response) -> Result<Flow, Error> {
     let calibration = front.calibration()?;
     let unit = 10i128.pow(MATRIX_DECIMALS);
@@ -115,6 +117,7 @@ fn round_shift(value: i128, bits: u32) -> i128 {
     (value + (1 << (bits - 1))) >> bits
 }
 
+#[inline(never)]
 fn element(value: i128, out: &mut Response) {
     let unit = 10u128.pow(MATRIX_DECIMALS);
     let (sign, size) = (if value < 0 { "-" } else { "" }, value.unsigned_abs());
@@ -122,6 +125,7 @@ fn element(value: i128, out: &mut Response) {
     out.item(format_args!("{sign}{}.{:012}", wide::narrow(whole), wide::narrow(fraction)));
 }
 
+#[inline(never)]
 fn pivot_define(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let mut params = call.params;
     let k = params.integer(0, PIVOTS as i64 - 1)? as u8;

@@ -63,6 +63,7 @@ impl Planner {
     }
 
     /// Stops and changes of speed of a track that runs.
+    #[inline(never)]
     fn plan_changes(
         &mut self,
         capability: &Capability,
@@ -135,6 +136,7 @@ impl Planner {
         }
     }
 
+    #[inline(never)]
     fn plan_goal(
         &mut self,
         capability: &Versioned<Capability>,
@@ -213,6 +215,7 @@ impl Planner {
         Ok(())
     }
 
+    #[inline(never)]
     fn plan_desire(
         &mut self,
         capability: &Capability,
