@@ -139,7 +139,8 @@ fn most(from: Point, rates: &Rates) -> Option<i128> {
     Some(most + (most >> 40) + (1 << 30))
 }
 
-fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile> {
+/// [`to_position`] without the copy that another type of answer takes.
+pub(super) fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile> {
     let from = start(state)?;
     let rates = Rates::of(limits)?.usable(from);
     if target.abs() > FARTHEST {

@@ -195,7 +195,7 @@ impl Planner {
             let Some(grant) = self.grant(capability, &asking)? else {
                 return Ok(());
             };
-            (grant, go_along(capability, &grant)?)
+            (grant, go_along(capability, &grant).ok_or_else(unplannable)?)
         };
         let track = Track { origin: [0; AXES], direction, end: direction, profile };
         let active = Active {

@@ -19,7 +19,7 @@ mod slot;
 use super::bounds::{PATH_ONE, Path};
 use super::budget::{Grant, Rates};
 use super::limits::Limits;
-use super::plan::to_position;
+use super::plan::position_profile;
 use super::profile::{Profile, State};
 use super::track::Track;
 use crate::compensation::law::Law;
@@ -404,7 +404,9 @@ impl Planner {
         let Some(grant) = self.grant(capability, &asking)? else {
             return Err(unplannable());
         };
-        let profile = go_along(capability, &grant)?;
+        let Some(profile) = go_along(capability, &grant) else {
+            return Err(unplannable());
+        };
         Ok(Some(Checked { from, to, version: capability.version(), grant, profile }))
     }
 
@@ -432,9 +434,9 @@ fn straight(from: FinePose, to: FinePose) -> Path {
 }
 
 /// From rest to rest over a whole path.
-fn go_along(capability: &Capability, grant: &Grant) -> Result<Profile, Error> {
+fn go_along(capability: &Capability, grant: &Grant) -> Option<Profile> {
     let limits = with_speed(grant, PATH_ONE, capability.override_percent);
-    to_position(State::rest(0), PATH_ONE, limits).map_err(|_| unplannable())
+    position_profile(State::rest(0), PATH_ONE, limits)
 }
 
 fn unplannable() -> Error {
