@@ -69,6 +69,9 @@ impl<'a, const N: usize> Controller<'a, N> {
             let changed = report.differs(self.front.report());
             self.front.receive_report(report);
             if changed {
+                // before the next report: a driver in fault stops the output again and again until it is disabled
+                hal.set_watch(self.front.watch());
+                hal.set_enables(self.front.enable_lines(), self.front.disabled_lines());
                 // short conditions are latched when they change, not only when a client asks
                 self.links.observe(self.front);
             }

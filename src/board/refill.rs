@@ -223,6 +223,9 @@ fn TIM2() {
     sink.await_border();
     let wishes = Wishes { pause: PAUSE.load(Ordering::Relaxed), rearm: REARM.swap(false, Ordering::Relaxed) };
     let watch = Watch::from_bits(WATCH.load(Ordering::Relaxed));
+    if HALT.load(Ordering::Relaxed) != 0 {
+        forget_steps();
+    }
     let halt = decode(HALT.swap(0, Ordering::Relaxed));
     let report = stream.service(sink, orders, watch, halt, wishes);
     let (up, down) = stream.stepping();
@@ -238,6 +241,11 @@ fn TIM2() {
         *calm = CALM;
         NVIC::pend(WAKER);
     }
+}
+
+/// Nothing steps any more: a contact that bounces while the stream is set up anew stops nothing a second time.
+pub fn forget_steps() {
+    STEPPING.store(0, Ordering::Relaxed);
 }
 
 /// Judges the limit switches on an edge of one.

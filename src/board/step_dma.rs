@@ -215,6 +215,7 @@ impl StepSink for StepDma {
 
     fn stop(&mut self) {
         stop();
+        super::refill::forget_steps();
         // the transfer of the last update is over long before this
         cortex_m::asm::delay(TICK_CLOCKS);
     }

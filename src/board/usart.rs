@@ -84,20 +84,7 @@ impl Serial {
             w.set_re(true);
             w.set_idleie(true);
         });
-        let stream = pac::DMA1.st(RECEIVE);
-        stream.par().write_value(usart.dr().as_ptr() as u32);
-        stream.m0ar().write_value(INPUT.0.get() as u32);
-        stream.ndtr().write(|w| w.set_ndt(RING as u16));
-        stream.cr().write(|w| {
-            w.set_chsel(CHANNEL);
-            w.set_dir(Dir::PERIPHERAL_TO_MEMORY);
-            w.set_minc(true);
-            w.set_circ(true);
-            w.set_msize(Size::BITS8);
-            w.set_psize(Size::BITS8);
-            w.set_pl(Pl::HIGH);
-            w.set_en(true);
-        });
+        start_reception();
         note(PortEvent::Opened);
         for interrupt in [Interrupt::USART2, Interrupt::DMA1_STREAM6] {
             // SAFETY: the handlers share atomics with the thread.
@@ -215,7 +202,38 @@ impl Port for Serial {
 
     fn attend(&mut self) {
         self.kick();
+        // a transfer error switches the stream off (RM0090, 10.3.18)
+        if !pac::DMA1.st(RECEIVE).cr().read().en() {
+            start_reception();
+            self.read = 0;
+            note(PortEvent::Overrun);
+        }
     }
+}
+
+/// The ring from its first place.
+fn start_reception() {
+    pac::DMA1.ifcr(RECEIVE / 4).write(|w| {
+        w.set_tcif(RECEIVE % 4, true);
+        w.set_htif(RECEIVE % 4, true);
+        w.set_teif(RECEIVE % 4, true);
+        w.set_dmeif(RECEIVE % 4, true);
+        w.set_feif(RECEIVE % 4, true);
+    });
+    let stream = pac::DMA1.st(RECEIVE);
+    stream.par().write_value(pac::USART2.dr().as_ptr() as u32);
+    stream.m0ar().write_value(INPUT.0.get() as u32);
+    stream.ndtr().write(|w| w.set_ndt(RING as u16));
+    stream.cr().write(|w| {
+        w.set_chsel(CHANNEL);
+        w.set_dir(Dir::PERIPHERAL_TO_MEMORY);
+        w.set_minc(true);
+        w.set_circ(true);
+        w.set_msize(Size::BITS8);
+        w.set_psize(Size::BITS8);
+        w.set_pl(Pl::HIGH);
+        w.set_en(true);
+    });
 }
 
 /// Place in the ring that the stream writes next.

@@ -27,3 +27,30 @@ def firmware():
 def host_sim():
     """The virtual controller: HOST_SIM, as tests/run.sh sets it."""
     return _program("HOST_SIM", "cargo build --release -p host-sim")
+
+
+_worst = {"stack": 0, "critical": (0, 0, "")}
+
+
+@pytest.fixture(autouse=True)
+def _sum_up():
+    """What is the worst over all tests: stack, critical sections, the refill's latency."""
+    yield
+    import lab
+
+    for board in lab.BOARDS:
+        _worst["stack"] = max(_worst["stack"], board.stack_used())
+        _worst["critical"] = max(_worst["critical"], *board.longest_masked(), (0, 0, ""))
+    lab.BOARDS.clear()
+
+
+def pytest_terminal_summary(terminalreporter):
+    for report in terminalreporter.stats.get("xfailed", ()):
+        # those of passed tests are shown with what they print
+        for line in report.capstdout.splitlines():
+            terminalreporter.write_line(f"{line} (wanted more)" if line.startswith("figure: ") else line)
+    if _worst["stack"]:
+        us, _, where = _worst["critical"]
+        name = where.split("17h")[0].strip("_")
+        terminalreporter.write_line(f"figure: stack, the most in all tests: {_worst['stack']} of 65536 bytes")
+        terminalreporter.write_line(f"figure: longest critical section in all tests: {us:.1f} us in {name[-60:]}")

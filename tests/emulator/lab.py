@@ -18,11 +18,16 @@ ENABLE = [("C", 1), ("C", 2), ("C", 5), ("C", 6), ("C", 8), ("C", 9)]
 SEGMENT = 128
 RING = 4
 STEP_MASK = sum(1 << pin for pin in STEP_PINS)
+QUIET = STEP_MASK << 16
 NO_ERROR = '0,"No error"'
 # 0.05 um a step: the machine without a calibration, and that of the paper.
 STEPS_PER_UM = 20
 # A board that has not begun to listen by then never will; one that finds settings in its flash takes longer.
 BOOT_US = 500_000
+
+
+# Boards of the running test, for what is summed up over all tests.
+BOARDS = []
 
 
 def figure(text):
@@ -40,10 +45,11 @@ def boot(board):
     return taken
 
 
-def power_up(firmware, **options):
+def power_up(firmware, stop_closed=True, **options):
     """The emergency stop's contact closed, limit switches closed to ground; booted."""
     board = Board(firmware, **options)
-    board.pin(*STOP, 1)
+    BOARDS.append(board)
+    board.pin(*STOP, int(stop_closed))
     for pin in LOWER + UPPER:
         board.pin(*pin, 0)
     boot(board)
@@ -139,7 +145,7 @@ def segments(words):
 def moves(words, pause_segments):
     """The stretches between pauses of at least so many silent segments, each from its first to its last segment with a
     set bit, silence inside included."""
-    quiet = array("I", [0xE0E0_0000] * SEGMENT)
+    quiet = array("I", [QUIET] * SEGMENT)
     found, current, silent = [], None, 0
     for part in segments(words):
         if part is None:
@@ -153,6 +159,19 @@ def moves(words, pause_segments):
         current.extend(part)
         silent = 0
     return found
+
+
+def stream_words(board, start=0):
+    """What the pins were given from word `start` on. Where the stream began anew its segments begin anew: what was played
+    of a segment before a stop is filled up with silence."""
+    board.sync_stream()
+    words, out = board.words, array("I")
+    starts = [first for first, _, _ in words.runs if first > start] + [len(words)]
+    for end in starts:
+        out.extend(words.slice(start, end))
+        out.extend(array("I", [QUIET] * (-len(out) % SEGMENT)))
+        start = end
+    return out
 
 
 def digest(words):
@@ -201,9 +220,9 @@ class Switch:
 
     LOOK_US = 50
 
-    def __init__(self, board, motor, at, upper=True, hysteresis=0, scatter=None):
+    def __init__(self, board, motor, at, upper=True, hysteresis=0, scatter=None, bounces=False):
         self.board, self.motor, self.at, self.sign = board, motor, at, 1 if upper else -1
-        self.pin, self.hysteresis, self.scatter = (UPPER if upper else LOWER)[motor], hysteresis, scatter
+        self.pin, self.hysteresis, self.scatter, self.bounces = (UPPER if upper else LOWER)[motor], hysteresis, scatter, bounces
         self.follower, self.tripped, self.trips, self.on = Follower(board), False, [], True
         self._look()
 
@@ -223,3 +242,7 @@ class Switch:
     def _turn(self, tripped):
         self.tripped = tripped
         self.board.pin(*self.pin, int(tripped))
+        if self.bounces:
+            # the contact is open and closed some more times within a millisecond
+            for n, at in enumerate((150, 220, 600, 640)):
+                self.board.at(at, lambda level=int(tripped) ^ (n + 1) % 2: self.board.pin(*self.pin, level))

@@ -149,8 +149,8 @@ def script(stage, block):
         ("*ESE 'x", -151), ("POSE 1000000,0,0,0,0,0", -222), ("X" * 600, -363),
     ]:
         tell(text, number)
-    tell("AXIS6:VEL 0.5;:NONSENSE;:AXIS6:VEL 0.7", -113)
-    assert hear("AXIS6:VEL?") == "0.50000000"
+    tell("AXIS3:VEL 500;:NONSENSE;:AXIS3:VEL 700", -113)
+    assert hear("AXIS3:VEL?") == "500.000"
     assert numbers(hear("POSE?")) == at, "nothing of that has moved anything"
 
     # a limit switch
@@ -164,9 +164,12 @@ def script(stage, block):
     on = numbers(stage.query("AXIS1:POS?"))[0]
     assert abs(on - SWITCH_UM) < 0.5, on
     tell("AXIS1:MOVE 20", 102)
-    tell(f"AXIS1:MOVE {SWITCH_UM - 10}")
+    tell("AXIS1:VEL MAX")
+    away = SWITCH_UM - OPENS_UM - 10
+    tell(f"AXIS1:MOVE {away}")
     assert stage.query("*OPC?") == "1"
-    assert abs(numbers(stage.query("AXIS1:POS?"))[0] - (SWITCH_UM - 10)) < 0.05
+    assert abs(numbers(stage.query("AXIS1:POS?"))[0] - away) < 0.05
+    assert hear("AXIS1:LIM:HARD?") == "0,0"
 
     # the emergency stop in mid-move
     tell("AXIS2:VEL 200")
@@ -185,6 +188,7 @@ def script(stage, block):
     assert hear("SYST:EST:STAT?") == "1,0", "latched until it is cleared"
     tell("AXIS2:MOVE 0", 103)
     stage.write("SYST:EST:CLE\n")
+    assert stage.query("*OPC?") == "1"
     assert hear("SYST:EST:STAT?") == "0,0"
     stage.write(f"AXIS2:MOVE {stopped - 4}\n")
     assert stage.query("*OPC?") == "1"

@@ -45,9 +45,11 @@ pub const LEVER_LIMIT_NM: u64 = 60_000_000;
 pub const ORDERS: usize = 24;
 /// Orders that may be unanswered: a report tells the fate of the last 32.
 const UNANSWERED: u16 = 31;
-/// Segments between the last generated one and the first that a new track may use; more after a refusal.
+/// Segments between the last generated one and the first that a new track may use; more after a refusal: planning takes
+/// its time, and a track that comes too late has to be planned anew.
 const LEAD: u64 = 2;
-const LEAD_MAX: u64 = 64;
+/// 33 ms, longer than a plan takes.
+const LEAD_MAX: u64 = 256;
 
 /// Condition of an axis, bits as in STATus:AXIS.
 #[allow(missing_docs)]
@@ -89,6 +91,8 @@ pub struct Front {
     report: Report,
     sequence: u16,
     lead: u64,
+    /// The segment that was to be generated next when planning last began.
+    planned_from: u64,
     orders: heapless::Deque<WaitingOrder, ORDERS>,
     homed: [bool; AXES],
     enabled: [bool; AXES],
@@ -164,6 +168,7 @@ impl Front {
             report: Report { settled: true, inputs: Inputs { fault: 0x3f, ..Inputs::default() }, ..Report::default() },
             sequence: 0,
             lead: LEAD,
+            planned_from: 0,
             orders: heapless::Deque::new(),
             homed: [false; AXES],
             enabled: [false; AXES],
@@ -236,7 +241,8 @@ impl Front {
         self.show_anchor();
         self.storage.answered(answered);
         if self.planner.answer(report.answered, report.refused, report.next) {
-            self.lead = (self.lead * 2).min(LEAD_MAX);
+            let taken = report.next.saturating_sub(self.planned_from);
+            self.lead = (self.lead * 2).max(taken + taken / 4).min(LEAD_MAX);
         }
     }
 
@@ -263,7 +269,9 @@ impl Front {
         let segment = self.report.next + self.lead;
         let (orders, sequence, aborts) = (&mut self.orders, &mut self.sequence, self.report.aborts);
         let answered = self.report.answered;
+        let planned_from = self.report.next;
         let result = self.planner.plan(&self.capability, segment, &mut |proposal| {
+            self.planned_from = planned_from;
             if sequence.wrapping_sub(answered) >= UNANSWERED {
                 return None;
             }
