@@ -184,6 +184,7 @@ pub struct Token {
 
 impl Token {
     /// Keeps the first bytes; what is not printable ASCII becomes `?`.
+    #[inline(never)]
     pub fn new(text: &[u8]) -> Self {
         let mut bytes = [0; 24];
         let mut len = 0;
@@ -211,16 +212,19 @@ pub struct Error {
 
 impl Error {
     /// An error that names a fixed text.
+    #[inline(never)]
     pub const fn text(number: ErrorNumber, text: &'static str) -> Self {
         Error { number, detail: Detail::Text(text) }
     }
 
     /// An error that names an axis.
+    #[inline(never)]
     pub const fn axis(number: ErrorNumber, axis: Axis) -> Self {
         Error { number, detail: Detail::Axis(axis) }
     }
 
     /// An error that names the offending part of the message.
+    #[inline(never)]
     pub fn token(number: ErrorNumber, text: &[u8]) -> Self {
         Error { number, detail: Detail::Token(Token::new(text)) }
     }

@@ -7,7 +7,7 @@ use crate::compensation::calibration::{Calibration, MotorData, row_bits};
 use crate::compensation::law::Switches;
 use crate::motion::budget::{Rates, take_up_quarter};
 use crate::stepgen::timing::MotorTiming;
-use crate::units::{AXES, Axis};
+use crate::units::{AXES, Axis, wide};
 use serde::{Deserialize, Serialize};
 
 /// How backlash of a motor is dealt with.
@@ -199,14 +199,16 @@ pub fn default_step_q32(axis: Axis) -> u64 {
 }
 
 /// Whole units of a step count; saturates.
+#[inline(never)]
 pub fn steps_to_units(steps: i64, step_q32: u64) -> i64 {
     let units = (i128::from(steps) * i128::from(step_q32) + (1 << 31)) >> 32;
-    units.clamp(i64::MIN.into(), i64::MAX.into()) as i64
+    wide::within(units, i64::MIN.into(), i64::MAX.into()) as i64
 }
 
 /// Steps nearest to a length, halves away from zero.
+#[inline(never)]
 pub fn units_to_steps(units: i64, step_q32: u64) -> i64 {
-    let doubled = (i128::from(units.unsigned_abs()) << 33) / i128::from(step_q32.max(1));
+    let doubled = wide::div(u128::from(units.unsigned_abs()) << 33, u128::from(step_q32.max(1)));
     let steps = ((doubled + 1) >> 1) as i64;
     if units < 0 { -steps } else { steps }
 }
@@ -247,8 +249,8 @@ impl AxisSettings {
         if self.backlash.mode == BacklashMode::Off || (self.backlash.distance == 0 && overlay == 0) {
             return Rates::default();
         }
-        let share = (u128::from(self.backlash.velocity) << 10).div_ceil(u128::from(motor.velocity.max(1)));
-        motor_rates(motor).share(share.clamp(1, 1024 / u128::from(TAKE_UP_SHARE_MAX)) as u32)
+        let share = wide::div_up(u128::from(self.backlash.velocity) << 10, u128::from(motor.velocity.max(1)));
+        motor_rates(motor).share(share.max(1).min(1024 / u128::from(TAKE_UP_SHARE_MAX)) as u32)
     }
 
     /// Configuration of the motor's play in the generator. `overlay`: in steps, as it is now; from a play that was

@@ -25,11 +25,11 @@ unsafe impl critical_section::Impl for BelowTheRefill {
         let before = basepri::read();
         basepri_max::write(CEILING);
         cortex_m::asm::isb();
-        before
+        u32::from(before)
     }
 
     unsafe fn release(before: critical_section::RawRestoreState) {
         // SAFETY: restores the mask of before the section.
-        unsafe { basepri::write(before) };
+        unsafe { basepri::write(before as u8) };
     }
 }

@@ -9,6 +9,7 @@ use super::pins::{LOWER, Port, UPPER};
 use super::step_dma::{self, StepDma};
 use super::{gpio, supervision};
 use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m::peripheral::NVIC;
 use embassy_stm32::interrupt;
@@ -51,10 +52,13 @@ struct Owned {
 }
 
 /// Memory of the refill alone.
-struct Private(UnsafeCell<Option<Owned>>);
+struct Private(UnsafeCell<MaybeUninit<Owned>>);
 // SAFETY: written once before the interrupt is unmasked, afterwards used in the interrupt alone.
 unsafe impl Sync for Private {}
-static OWNED: Private = Private(UnsafeCell::new(None));
+// not an Option, whose None is not all zero and would take as much flash
+static OWNED: Private = Private(UnsafeCell::new(MaybeUninit::uninit()));
+/// What the refill owns is there.
+static STARTED: AtomicBool = AtomicBool::new(false);
 
 /// The thread's side of the border.
 pub struct Border {
@@ -94,7 +98,7 @@ pub fn start(generator: Generator) -> Border {
     let (orders_in, orders) = DOWN.init(Queue::new()).split();
     // SAFETY: the interrupt that uses it is still masked; the cells above allow one call only.
     unsafe {
-        *OWNED.0.get() = Some(Owned {
+        (*OWNED.0.get()).write(Owned {
             stream: Stream::new(generator),
             sink: StepDma::new(),
             orders,
@@ -102,6 +106,7 @@ pub fn start(generator: Generator) -> Border {
             calm: 0,
         });
     }
+    STARTED.store(true, Ordering::Release);
     watch_switches();
     for (interrupt, priority) in [
         (Interrupt::TIM2, REFILL),
@@ -210,8 +215,11 @@ fn decode(code: u32) -> Option<Halt> {
 
 #[interrupt]
 fn TIM2() {
-    // SAFETY: this interrupt alone, which does not nest.
-    let Some(Owned { stream, sink, orders, last, calm }) = (unsafe { &mut *OWNED.0.get() }) else { return };
+    if !STARTED.load(Ordering::Acquire) {
+        return;
+    }
+    // SAFETY: written before STARTED was; this interrupt alone, which does not nest.
+    let Owned { stream, sink, orders, last, calm } = unsafe { (*OWNED.0.get()).assume_init_mut() };
     sink.await_border();
     let wishes = Wishes { pause: PAUSE.load(Ordering::Relaxed), rearm: REARM.swap(false, Ordering::Relaxed) };
     let watch = Watch::from_bits(WATCH.load(Ordering::Relaxed));

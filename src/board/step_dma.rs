@@ -48,7 +48,8 @@ struct Shared<T>(UnsafeCell<T>);
 // SAFETY: the processor side is owned by the one StepDma; the DMA side keeps to the segments that protocol leaves it.
 unsafe impl<T> Sync for Shared<T> {}
 
-static RING_WORDS: Shared<[Words; RING]> = Shared(UnsafeCell::new([[RESET_STEPS; SEGMENT_TICKS]; RING]));
+// all zero, so that it takes no flash: `prepare` fills it before anything plays
+static RING_WORDS: Shared<[Words; RING]> = Shared(UnsafeCell::new([[0; SEGMENT_TICKS]; RING]));
 /// What stream 2 writes; in memory that its peripheral port is sure to reach.
 #[unsafe(link_section = ".data.silence")]
 static SILENCE: u32 = RESET_STEPS;

@@ -4,7 +4,7 @@
 //! Layout: magic `SCAL`, version (u16), payload length (u16), payload (postcard), CRC-32 (ISO-HDLC) of all before.
 
 use crate::error::{Error, ErrorNumber};
-use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT};
+use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT, wide};
 use serde::{Deserialize, Serialize};
 
 /// Version of the block's payload. Raised when a field changes; older blocks are then refused with -221.
@@ -17,7 +17,7 @@ pub const STEP_MIN: u64 = 2 << 32;
 /// Steps are smaller than this, Q32: 65.536 um or urad.
 pub const STEP_END: u64 = 1 << 48;
 const HEADER: usize = 8;
-const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+const CRC: crc::Crc<u32, crc::NoTable> = crc::Crc::<u32, crc::NoTable>::new(&crc::CRC_32_ISO_HDLC);
 
 /// One motor and the stage that it drives. Lengths in nm or, for a rotary stage, nrad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -178,7 +178,7 @@ impl Calibration {
     fn is_near_the_ideal(&self) -> bool {
         let unit = |i: usize| {
             let motor = &self.motors[i];
-            ((1u128 << (u32::from(motor.row_bits) + 32)) / u128::from(motor.step_q32)) as i64
+            wide::div(1u128 << (u32::from(motor.row_bits) + 32), u128::from(motor.step_q32)) as i64
         };
         let slides = self.inverse_slides.iter().enumerate().all(|(i, row)| {
             row.iter().enumerate().all(|(j, c)| {

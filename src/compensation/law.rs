@@ -6,7 +6,7 @@
 use super::calibration::{Calibration, MotorData};
 use super::coupling::{factor, lone, rows};
 use super::pivot::{Rotary, Rotation, Screw, Turned, from_sixteenths, to_nanometres};
-use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose};
+use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose, wide};
 use serde::{Deserialize, Serialize};
 
 /// Range of a coordinate in Q32.
@@ -61,7 +61,7 @@ impl Law {
     pub fn identity(motors: &[MotorData; AXES]) -> Self {
         let unit = |i: usize| {
             let motor = &motors[i];
-            let doubled = (1u128 << (u32::from(motor.row_bits) + 33)) / u128::from(motor.step_q32.max(1));
+            let doubled = wide::div(1u128 << (u32::from(motor.row_bits) + 33), u128::from(motor.step_q32.max(1)));
             doubled.div_ceil(2).min(i32::MAX as u128) as i32
         };
         let mut slides = [[0; 3]; 3];
@@ -124,9 +124,15 @@ impl Law {
         steps
     }
 
+    /// [`Law::motors`] as a call: for planning, of which the refill must not pay for the size.
+    #[inline(never)]
+    pub fn targets(&self, pose: &FinePose, last: &mut Remembered) -> FineSteps {
+        self.motors(pose, last)
+    }
+
     /// Step counts of a pose at rest.
     pub fn steps(&self, pose: Pose) -> MotorSteps {
-        self.motors(&pose.fine(), &mut Remembered::default()).floor()
+        self.targets(&pose.fine(), &mut Remembered::default()).floor()
     }
 
     /// q_a of a pose: unrounded angles of the rotary stages, nrad in Q32 (alpha, beta, gamma).
@@ -148,14 +154,14 @@ impl Law {
         // The angles first and rounded, then the position at the rounded angles: c(q) belongs to what is commanded.
         for part in [3..AXES, 0..3] {
             for _ in 0..12 {
-                let at = self.motors(&pose, &mut Remembered::default());
+                let at = self.targets(&pose, &mut Remembered::default());
                 let mut largest = 0;
                 for i in part.clone() {
                     // the middle of the step is where the law, half included, stands one half above the count
                     let lack = ((i64::from(steps.0[i]) << 32) + super::coupling::HALF).saturating_sub(at.0[i]);
                     largest = largest.max(lack.unsigned_abs());
                     let better = i128::from(pose.0[i]) + ((i128::from(lack) * i128::from(self.step[i])) >> 32);
-                    pose.0[i] = better.clamp(-RANGE, RANGE) as i64;
+                    pose.0[i] = wide::within(better, -RANGE, RANGE) as i64;
                 }
                 if largest < 1 << 12 {
                     break;

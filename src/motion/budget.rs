@@ -5,7 +5,7 @@
 
 use super::bounds::{Bounds, PATH_ONE};
 use super::ramp::Limits;
-use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND};
+use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND, wide};
 
 /// Fractional bits of rates: steps (or nm, nrad) per segment, per segment squared and cubed.
 pub const RATE_BITS: u32 = 44;
@@ -23,15 +23,16 @@ pub struct Rates {
 
 impl Rates {
     /// From rates per second^k in nm or nrad, counted in steps of `step_q32` (1 << 32: in nm or nrad themselves).
+    #[inline(never)]
     pub fn per_segment(velocity: u64, acceleration: u64, jerk: u64, step_q32: u64) -> Self {
         const T: u128 = SEGMENT_TICKS as u128;
         const F: u128 = TICKS_PER_SECOND as u128;
         let step = u128::from(step_q32.max(1));
         // Each division by F keeps at least 40 fractional bits, so that nothing overflows 128 bits.
-        let v = ((u128::from(velocity) * T) << 40) / F;
-        let a = ((u128::from(acceleration) * T * T) << 40) / (F * F);
-        let j = ((((u128::from(jerk) * T * T) << 20) / F * T) << 20) / (F * F);
-        let in_steps = |value: u128| u64::try_from((value << 36) / step).unwrap_or(u64::MAX >> 1).max(1);
+        let v = wide::div((u128::from(velocity) * T) << 40, F);
+        let a = wide::div((u128::from(acceleration) * T * T) << 40, F * F);
+        let j = wide::div((wide::div((u128::from(jerk) * T * T) << 20, F) * T) << 20, F * F);
+        let in_steps = |value: u128| u64::try_from(wide::div(value << 36, step)).unwrap_or(u64::MAX >> 1).max(1);
         Rates { velocity: in_steps(v), acceleration: in_steps(a), jerk: in_steps(j) }
     }
 
@@ -78,27 +79,15 @@ impl Rates {
 /// (peaks 2 b/T, 8 b/T^2, 32 b/T^3 with T four quarters).
 pub fn take_up_quarter(width: u32, reserve: Rates) -> u32 {
     let b = u128::from(width) << RATE_BITS;
-    let over = |factor: u128, rate: u64| (factor * b).div_ceil(u128::from(rate.max(1)));
+    let over = |rate: u64| wide::div_up(b, u128::from(rate.max(1)));
     // with T = 4 q: q >= b / (2 v), q^2 >= b / (2 a), q^3 >= b / (2 j)
     let half = |value: u128| value.div_ceil(2);
-    let q1 = half(over(1, reserve.velocity));
-    let a = half(over(1, reserve.acceleration));
-    let q2 = a.isqrt() + 1;
-    let j = half(over(1, reserve.jerk));
-    let q3 = cube_root(j) + 1;
+    let q1 = half(over(reserve.velocity));
+    let a = half(over(reserve.acceleration));
+    let q2 = u128::from(wide::isqrt(a)) + 1;
+    let j = half(over(reserve.jerk));
+    let q3 = u128::from(wide::cube_root(j)) + 1;
     u32::try_from(q1.max(q2).max(q3)).unwrap_or(u32::MAX / 8).clamp(1, u32::MAX / 8)
-}
-
-/// Largest integer whose cube does not exceed `value`.
-pub fn cube_root(value: u128) -> u128 {
-    let mut root = 0u128;
-    for bit in (0..42).rev() {
-        let next = root | 1 << bit;
-        if next * next * next <= value {
-            root = next;
-        }
-    }
-    root
 }
 
 /// Angular rates of a track, nrad per segment^k in Q20, summed over the rotary axes: what tracks that run at the
@@ -150,21 +139,19 @@ pub struct Grant {
 
 /// value (Q16 per path unit) times rate (Q60): Q44, rounded up.
 fn times(value: u64, rate: i64) -> u64 {
-    u64::try_from(((u128::from(value) * u128::from(rate.unsigned_abs())) >> 32) + 1).unwrap_or(u64::MAX)
+    wide::mul_shift(value, rate.unsigned_abs(), 32).saturating_add(1)
 }
 
-/// Q44 over Q16 per path unit: Q60, at most one path unit.
-fn over(rate: u64, value: u64) -> i64 {
-    if value == 0 {
-        return 1 << 60;
-    }
-    // digit by digit: a 128-bit division costs twenty 64-bit ones on the chip
-    if value >= 1 << 48 {
-        return ((u128::from(rate) << 32) / u128::from(value)).min(1 << 60) as i64;
-    }
-    let (whole, rest) = (rate / value, (rate % value) << 16);
-    let (high, rest) = (rest / value, (rest % value) << 16);
-    if whole >= 1 << 28 { 1 << 60 } else { ((whole << 32) | (high << 16) | (rest / value)) as i64 }
+/// The smaller of `most` and of a quotient, rounded down; of two of the limits in Q60. `divisor` below 2^68.
+#[inline(never)]
+fn least(most: i64, dividend: u128, divisor: u128) -> i64 {
+    // most quotients are larger than the smallest one: a product says so for less than a division
+    if dividend >= u128::from(most.unsigned_abs()) * divisor { most } else { wide::div(dividend, divisor) as i64 }
+}
+
+/// The smaller of `most` and of a rate (Q44) over a value (Q16 per path unit), Q60.
+fn least_rate(most: i64, rate: u64, value: u64) -> i64 {
+    least(most, u128::from(rate) << 32, value.into())
 }
 
 impl Grant {
@@ -176,32 +163,27 @@ impl Grant {
         wanted: &[Rates; AXES],
         ways: &[u64; AXES],
         others: Turning,
-        crossed: impl Fn(usize, u128) -> u64,
+        crossed: &dyn Fn(usize, u128) -> u64,
     ) -> Self {
-        let mut velocity = 1i64 << 60;
+        const ONE: i64 = 1 << 60;
+        let (mut velocity, mut square, mut cube) = (ONE, ONE, ONE);
         let near_rest = slow_near_rest(bounds, available);
-        let (mut least_square, mut least_cube) = (1u128 << 60, 1u128 << 60);
         for i in 0..AXES {
             velocity = velocity.min(near_rest[i]);
-            velocity = velocity.min(over(wanted[i].velocity, ways[i]));
-            if bounds.curvature[i] != 0 {
-                // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
-                least_square =
-                    least_square.min((u128::from(available[i].acceleration) << 30) / u128::from(bounds.curvature[i])); // Q60 / 4
-            }
-            if bounds.third[i] != 0 {
-                least_cube = least_cube.min((u128::from(available[i].jerk) << 29) / u128::from(bounds.third[i])); // Q60 / 8
-            }
+            velocity = least_rate(velocity, wanted[i].velocity, ways[i]);
+            // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
+            square = least(square, u128::from(available[i].acceleration) << 30, bounds.curvature[i].into()); // Q60 / 4
+            cube = least(cube, u128::from(available[i].jerk) << 29, bounds.third[i].into()); // Q60 / 8
         }
-        if least_square < 1 << 60 {
-            velocity = velocity.min((least_square << 60).isqrt() as i64);
+        if square < ONE {
+            velocity = velocity.min(wide::isqrt(u128::from(square.unsigned_abs()) << 60) as i64);
         }
-        if least_cube < 1 << 60 {
-            velocity = velocity.min((cube_root(least_cube << 60) << 20).min(1 << 60) as i64);
+        if cube < ONE {
+            velocity = velocity.min((wide::cube_root(u128::from(cube.unsigned_abs()) << 60) << 20) as i64);
         }
         let velocity = velocity.max(1);
-        let square = ((u128::from(velocity.unsigned_abs()).pow(2)) >> 60) as i64;
-        let cube = ((u128::from(velocity.unsigned_abs()) * u128::from(square.unsigned_abs())) >> 60) as i64;
+        let square = product_q60(velocity, velocity);
+        let cube = product_q60(velocity, square);
         let turning_v = turning(bounds.turning, velocity);
         // two rotations at once: 2 r w1 w2 of acceleration on every linear motor, less on rotary ones
         let crossed_a = |i: usize| {
@@ -210,17 +192,18 @@ impl Grant {
             }
             crossed(i, 2 * u128::from(turning_v) * u128::from(others.velocity))
         };
-        let mut acceleration = 1i64 << 60;
+        let mut acceleration = ONE;
+        let (mut bends_a, mut bends_j) = ([0; AXES], [0; AXES]);
         for i in 0..AXES {
-            let bend = times(bounds.curvature[i], square).min(available[i].acceleration / 2) + crossed_a(i);
-            let left = available[i].acceleration.saturating_sub(bend);
-            acceleration = acceleration.min(over(left, bounds.slope[i]));
-            acceleration = acceleration.min(over(wanted[i].acceleration, ways[i]));
+            let (own, crossed) = (times(bounds.curvature[i], square), crossed_a(i));
+            bends_a[i] = own + crossed;
+            let left = available[i].acceleration.saturating_sub(own.min(available[i].acceleration / 2) + crossed);
+            acceleration = least_rate(acceleration, left, bounds.slope[i]);
+            acceleration = least_rate(acceleration, wanted[i].acceleration, ways[i]);
             if bounds.curvature[i] != 0 {
                 // 3 m'' v a at most a quarter of the jerk
                 let per = u128::from(times(bounds.curvature[i], velocity)) * 12; // Q44 per path unit of a
-                acceleration =
-                    acceleration.min(((u128::from(available[i].jerk) << 60) / per.max(1)).min(1 << 60) as i64);
+                acceleration = least(acceleration, u128::from(available[i].jerk) << 60, per);
             }
         }
         let acceleration = acceleration.max(1);
@@ -234,16 +217,14 @@ impl Grant {
             // 3 r (w1 a2 + a1 w2); the term 3 r w1 w2 (w1 + w2) is below a thousandth of it and covered by the quarter in `bent`
             crossed(i, 3 * (v1 * a2 + a1 * v2))
         };
-        let mixed = ((u128::from(velocity.unsigned_abs()) * u128::from(acceleration.unsigned_abs())) >> 60) as i64;
-        let bend_j = |i: usize| {
-            times(bounds.curvature[i], mixed).saturating_mul(3).saturating_add(times(bounds.third[i], cube))
-                + crossed_j(i)
-        };
-        let mut jerk = 1i64 << 60;
+        let mixed = product_q60(velocity, acceleration);
+        let mut jerk = ONE;
         for i in 0..AXES {
-            let left = available[i].jerk.saturating_sub(bend_j(i));
-            jerk = jerk.min(over(left, bounds.slope[i]));
-            jerk = jerk.min(over(wanted[i].jerk, ways[i]));
+            let third = times(bounds.third[i], cube);
+            bends_j[i] = times(bounds.curvature[i], mixed).saturating_mul(3).saturating_add(third) + crossed_j(i);
+            let left = available[i].jerk.saturating_sub(bends_j[i]);
+            jerk = least_rate(jerk, left, bounds.slope[i]);
+            jerk = least_rate(jerk, wanted[i].jerk, ways[i]);
         }
         let jerk = jerk.max(1);
         let mut uses = [Rates::default(); AXES];
@@ -251,8 +232,8 @@ impl Grant {
             *rates = Rates {
                 // where the path is steeper than the velocity allows it is slower, see `slow_near_rest`
                 velocity: times(bounds.slope[i], velocity).min(available[i].velocity),
-                acceleration: times(bounds.slope[i], acceleration) + times(bounds.curvature[i], square) + crossed_a(i),
-                jerk: times(bounds.slope[i], jerk).saturating_add(bend_j(i)),
+                acceleration: times(bounds.slope[i], acceleration) + bends_a[i],
+                jerk: times(bounds.slope[i], jerk).saturating_add(bends_j[i]),
             };
         }
         Grant {
@@ -269,20 +250,21 @@ impl Grant {
 /// sqrt(2 a d) where the nearer of its ends is d away: stretches that are steep, but too near to an end to be reached
 /// at full speed, do not slow it down.
 fn slow_near_rest(bounds: &Bounds, available: &[Rates; AXES]) -> [i64; AXES] {
-    let everywhere = core::array::from_fn(|i| over(available[i].velocity, bounds.slope[i]));
-    let count = bounds.stretches.len();
+    const ONE: i64 = 1 << 60;
+    let count = bounds.ways.len();
     if !bounds.rests || count == 0 {
-        return everywhere;
+        return core::array::from_fn(|i| least_rate(ONE, available[i].velocity, bounds.slope[i]));
     }
     // never less than the acceleration that will be granted
-    let most = (0..AXES).map(|i| over(available[i].acceleration, bounds.slope[i])).min().unwrap_or(1 << 60);
-    let mut highest = [1i64 << 60; AXES];
-    for (k, slopes) in bounds.stretches.iter().enumerate() {
+    let most = (0..AXES).fold(ONE, |most, i| least_rate(most, available[i].acceleration, bounds.slope[i]));
+    let mut highest = [ONE; AXES];
+    for (k, ways) in bounds.ways.iter().enumerate() {
         let distance = ((k + 1).min(count - k) as u128 * PATH_ONE as u128) / count as u128 + count as u128;
-        let reached = (2 * most.unsigned_abs() as u128 * distance).isqrt().min(1 << 60) as i64;
+        let reached = wide::isqrt(2 * u128::from(most.unsigned_abs()) * distance).min(ONE as u64) as i64;
         for i in 0..AXES {
-            if times(slopes[i], reached) > available[i].velocity {
-                highest[i] = highest[i].min(over(available[i].velocity, slopes[i]));
+            let slope = bounds.slope_within(ways, i);
+            if times(slope, reached) > available[i].velocity {
+                highest[i] = least_rate(highest[i], available[i].velocity, slope);
             }
         }
     }
@@ -291,5 +273,10 @@ fn slow_near_rest(bounds: &Bounds, available: &[Rates; AXES]) -> [i64; AXES] {
 
 /// nrad per path unit times a path rate in Q60: nrad in Q20, rounded up.
 fn turning(angle: u64, rate: i64) -> u64 {
-    if angle == 0 { 0 } else { ((u128::from(angle) * u128::from(rate.unsigned_abs())) >> 40) as u64 + 1 }
+    if angle == 0 { 0 } else { wide::mul_shift(angle, rate.unsigned_abs(), 40).saturating_add(1) }
+}
+
+/// Product of two numbers in Q60 that are not negative, rounded down.
+fn product_q60(a: i64, b: i64) -> i64 {
+    wide::mul_shift(a.unsigned_abs(), b.unsigned_abs(), 60) as i64
 }

@@ -130,10 +130,10 @@ impl Limits {
         let here = rest.rounded().0[i];
         let far = if upwards { upper.max(here) } else { lower.min(here) };
         let mut pose = rest;
-        let standing = law.motors(&pose, &mut Remembered::default()).floor().0;
+        let standing = law.targets(&pose, &mut Remembered::default()).floor().0;
         let mut reaches = |x: i32| {
             pose.0[i] = i64::from(x) << 32;
-            let motors = law.motors(&pose, &mut Remembered::default()).floor().0;
+            let motors = law.targets(&pose, &mut Remembered::default()).floor().0;
             (0..AXES).all(|m| {
                 let (own, step) = (&self.0[m], law.step_q32(m));
                 let beyond = |steps: i32| own.leaves(i64::from(steps), step);

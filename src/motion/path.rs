@@ -2,6 +2,7 @@
 
 use super::profile::{COEFFICIENT_BITS, MAX_PHASES, Phase, Profile};
 use super::ramp::{BITS, FARTHEST, FROM_Q60, Rates, peak, segments};
+use crate::units::wide;
 
 /// How far a phase may lead beyond its borders: ±4 and this fit a Q60 position.
 const ROOM: i128 = 31 << (BITS - 3);
@@ -16,11 +17,11 @@ pub(super) struct Point {
 
 impl Point {
     /// After `n` segments in which the acceleration goes linearly to `a1`.
+    #[inline(never)]
     pub fn after(self, n: u32, a1: i128) -> Option<Point> {
-        let n = i128::from(n);
-        let dv = n.checked_mul(self.a + a1)? >> 1;
-        let bend = n.checked_mul(n)?.checked_mul(2 * self.a + a1)? / 6;
-        let s = self.s.checked_add(n.checked_mul(self.v)?)?.checked_add(bend)?;
+        let dv = wide::times(self.a + a1, n)? >> 1;
+        let bend = wide::signed_div(wide::times(wide::times(2 * self.a + a1, n)?, n)?, 6);
+        let s = self.s.checked_add(wide::times(self.v, n)?)?.checked_add(bend)?;
         let v = self.v + dv;
         let sane = s.abs() < 1 << (BITS + 6) && v.abs() < 1 << (BITS + 3);
         sane.then_some(Point { s, v, a: a1 })
@@ -56,6 +57,7 @@ impl Path {
     }
 
     /// Goes to the acceleration `a1` in `n` segments.
+    #[inline(never)]
     pub fn push(&mut self, n: u32, a1: i128) -> Option<()> {
         if n > 0 {
             *self.phases.get_mut(self.count)? = (n, a1, self.at);
@@ -85,12 +87,12 @@ impl Path {
             let crossing = (from.a < 0) != (a1 < 0) && from.a != 0 && a1 != 0;
             // Where the acceleration crosses zero the velocity has its extreme.
             let extreme = if crossing {
-                let own = Rates { j: (jerk / i128::from(n.max(1))).max(1), ..*rates };
+                let own = Rates { j: wide::signed_div(jerk, i128::from(n.max(1))).max(1), ..*rates };
                 own.forced(from.a).map_or(i128::MAX, |dv| (from.v + dv).abs())
             } else {
                 from.v.abs()
             };
-            jerk <= rates.j.saturating_mul(i128::from(n)) && a1.abs() <= a_most && extreme <= v_most
+            jerk <= wide::times(rates.j, n).unwrap_or(i128::MAX) && a1.abs() <= a_most && extreme <= v_most
         })
     }
 
@@ -122,29 +124,41 @@ impl Path {
     }
 }
 
+/// `x / 2^bits` to nearest.
+fn round(x: i128, bits: u32) -> i128 {
+    (x + (1 << (bits - 1))) >> bits
+}
+
+/// `x * 2^up`, where it leaves room.
+#[inline(never)]
+fn fits(x: i128, up: u32) -> Option<i128> {
+    (x.unsigned_abs().leading_zeros() > up + 3).then(|| x << up)
+}
+
+/// A coefficient: three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
+#[inline(never)]
+fn narrow(x: i128) -> Option<i64> {
+    let term = round(x, BITS - COEFFICIENT_BITS);
+    (term.abs() < 10 << COEFFICIENT_BITS).then_some(term as i64)
+}
+
 /// The coefficients of one phase, refused where evaluation could leave an i64.
+#[inline(never)]
 pub(super) fn cubic(n: u32, end: u32, start: i64, sign: i128, from: Point, a1: i128) -> Option<Phase> {
     // At least 1: a shift by 32 has no meaning in u32.
     let k = (32 - n.saturating_sub(1).leading_zeros()).max(1);
-    let round = |x: i128, bits: u32| (x + (1 << (bits - 1))) >> bits;
-    let fits = |x: i128, up: u32| (x.unsigned_abs().leading_zeros() > up + 3).then(|| x << up);
-    // Three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
-    let narrow = |x: i128| {
-        let term = round(sign * x, BITS - COEFFICIENT_BITS);
-        (term.abs() < 10 << COEFFICIENT_BITS).then_some(term as i64)
-    };
+    let narrow = |x: i128| narrow(sign * x);
     let c1 = fits(from.v, k)?;
     let c2 = fits(from.a, 2 * k)? / 2;
     // Ten of the guard bits are enough below and leave room for 2^K above.
     let steep = round(fits(a1 - from.a, 2 * k)?, 36);
-    let c3 = fits(fits(steep, k)? / (6 * i128::from(n.max(1))), 36)?;
+    let c3 = fits(wide::signed_div(fits(steep, k)?, 6 * i128::from(n.max(1))), 36)?;
     let terms = [narrow(c1)?, narrow(c2)?, narrow(c3)?];
     let c0 = i64::try_from(i128::from(start) + round(sign * from.s, FROM_Q60)).ok()?;
     // How far a phase can lead beyond its borders: not at all where it is monotone; by less than
     // v0·n where only the velocity changes its sign.
-    let segments = i128::from(n);
-    let drift = segments.checked_mul(from.v.abs())?;
-    let bend = segments.checked_mul(segments)?.checked_mul(from.a.abs().max(a1.abs()))? / 2;
+    let drift = wide::times(from.v.abs(), n)?;
+    let bend = wide::times(wide::times(from.a.abs().max(a1.abs()), n)?, n)? / 2;
     let near = if from.a.signum() * a1.signum() < 0 {
         drift.checked_add(bend)? < ROOM
     } else {

@@ -10,8 +10,9 @@
 
 use super::path::{Path, Point};
 use super::profile::{Profile, State};
-use super::ramp::{FARTHEST, FROM_Q60, FROM_Q90, Limits, Rates, Unplannable, div_up, segments};
+use super::ramp::{FARTHEST, FROM_Q60, FROM_Q90, Limits, Rates, Unplannable, segments};
 use super::roots::{cbrt_up, sqrt_up};
+use crate::units::wide;
 
 /// Longest continuation of a jog behind its ramp, in segments.
 const RUN_ON: i128 = 1 << 30;
@@ -56,7 +57,7 @@ fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
     let duration = path.time;
     if v1 != 0 {
         let room = i128::from(FARTHEST) - RUN_ON_ROOM - i128::from(v1.signum()) * i128::from(end);
-        let n = (room.max(0) / i128::from(v1.abs())).min(RUN_ON);
+        let n = wide::signed_div(room.max(0), i128::from(v1.abs())).min(RUN_ON);
         path.push(segments(n)?, 0)?;
     }
     let last = state.position as i128 + (path.at.s >> FROM_Q60);
@@ -65,6 +66,7 @@ fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
 }
 
 /// The path of a velocity change.
+#[inline(never)]
 fn change(from: Point, v1: i128, rates: &Rates) -> Option<Path> {
     let v_most = most(from, rates)?;
     let a_most = rates.a.max(from.a.abs());
@@ -79,6 +81,7 @@ fn change(from: Point, v1: i128, rates: &Rates) -> Option<Path> {
     Some(path)
 }
 
+#[inline(never)]
 fn quick_change(from: Point, v1: i128, rates: &Rates, lead: bool) -> Option<Path> {
     let mut path = Path::new(from);
     if lead {
@@ -92,7 +95,7 @@ fn quick_change(from: Point, v1: i128, rates: &Rates, lead: bool) -> Option<Path
 /// velocity rise above what the state forces.
 pub(super) fn lead_in(path: &mut Path, rates: &Rates) -> Option<()> {
     let a = path.at.a;
-    let n = div_up(a.abs(), rates.j);
+    let n = wide::signed_div_up(a.abs(), rates.j);
     path.push(segments(n)?, a - a.signum() * rates.j.checked_mul(n)?)
 }
 
@@ -100,11 +103,12 @@ pub(super) fn lead_in(path: &mut Path, rates: &Rates) -> Option<()> {
 ///
 /// How far the acceleration swings through zero first decides both the extreme of the velocity
 /// and its end; with ramps of a few segments neither full swing nor none need keep the limit.
+#[inline(never)]
 fn settled(from: Point, rates: &Rates, v_most: i128) -> Option<Path> {
     if from.a == 0 {
         return Some(Path::new(from));
     }
-    let n = div_up(from.a.abs(), rates.j);
+    let n = wide::signed_div_up(from.a.abs(), rates.j);
     let swing = from.a - from.a.signum() * rates.j.checked_mul(n)?;
     let a_most = rates.a.max(from.a.abs());
     let mut found = None;
@@ -135,13 +139,21 @@ fn most(from: Point, rates: &Rates) -> Option<i128> {
     Some(most + (most >> 40) + (1 << 30))
 }
 
-fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile> {
+/// [`to_position`] without the copy that another type of answer takes.
+pub(super) fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile> {
     let from = start(state)?;
     let rates = Rates::of(limits)?.usable(from);
     if target.abs() > FARTHEST {
         return None;
     }
     let way = (i128::from(target) - i128::from(state.position)) << FROM_Q60;
+    if from.v == 0 && from.a == 0 {
+        let mut path = Path::new(from);
+        if way != 0 {
+            rest_to_rest(&mut path, way.abs(), &rates)?;
+        }
+        return path.finish(state.position, target, 0, if way < 0 { -1 } else { 1 });
+    }
     let stop = change(from, 0, &rates)?;
     let rest = way - stop.at.s;
     if rest == 0 {
@@ -152,11 +164,6 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
     let sign = rest.signum();
     let mirrored = Point { s: 0, v: sign * from.v, a: sign * from.a };
     let finish = |path: Path, sign| path.finish(state.position, target, 0, sign);
-    if from.v == 0 && from.a == 0 {
-        let mut path = Path::new(mirrored);
-        rest_to_rest(&mut path, rest.abs(), &rates)?;
-        return finish(path, sign);
-    }
     let direct = |lead| {
         super::search::direct(Path::new(mirrored), sign * way, rates, lead)
             .filter(|path| path.keeps(&rates, v_most, a_most))
@@ -183,22 +190,22 @@ fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile
 fn rest_to_rest(path: &mut Path, way: i128, rates: &Rates) -> Option<()> {
     let (v, a, j) = (rates.v.unsigned_abs(), rates.a.unsigned_abs(), rates.j.unsigned_abs());
     let d = way.unsigned_abs();
-    let jerky = cbrt_up((4 * d).div_ceil(j));
-    let mut r = d.div_ceil(v).max(u128::from(jerky));
+    let jerky = cbrt_up(wide::div_up(4 * d, j));
+    let mut r = wide::div_up(d, v).max(u128::from(jerky));
     // Half of that r at full jerk would exceed the acceleration limit: it is held instead.
     if u128::from(jerky).checked_mul(j)? > 2 * a {
-        let p = (a << 8) / j;
-        let hold = p.checked_mul(p)?.checked_add((4 * d).div_ceil(a) << 16)?;
-        r = r.max((p + hold.isqrt()).div_ceil(512));
+        let p = wide::div(a << 8, j);
+        let hold = p.checked_mul(p)?.checked_add(wide::div_up(4 * d, a) << 16)?;
+        r = r.max((p + u128::from(wide::isqrt(hold))).div_ceil(512));
     }
     for _ in 0..8 {
-        let hold = d.div_ceil(a.checked_mul(r)?);
-        let jr = j.checked_mul(r)?;
-        let q = hold.max(sqrt_up(d.div_ceil(jr)));
-        let p = d.div_ceil(jr.saturating_mul(q));
+        let hold = wide::div_up(d, wide::product(a, r)?);
+        let jr = wide::product(j, r)?;
+        let q = hold.max(sqrt_up(wide::div_up(d, jr)));
+        let p = wide::div_up(d, wide::product(jr, q).unwrap_or(u128::MAX));
         if p + q <= r {
-            let cruise = way / r as i128;
-            let peak = cruise / q as i128;
+            let cruise = wide::signed_div(way, r as i128);
+            let peak = wide::signed_div(cruise, q as i128);
             let [pn, hold, cruising] = [p, q - p, r - p - q].map(|n| segments(n as i128));
             let (pn, hold, cruising) = (pn?, hold?, cruising?);
             for (n, a1) in [(pn, peak), (hold, peak), (pn, 0)] {

@@ -6,6 +6,7 @@
 
 use super::path::Point;
 use super::roots::sqrt_up;
+use crate::units::wide;
 
 /// Fractional bits inside the planner. An acceleration that is off by 2^-105 for 2^24 segments
 /// moves the end by 2^-57; a position of ±4 keeps 20 bits of headroom.
@@ -58,12 +59,13 @@ impl Rates {
     }
 
     /// Velocity change while `a` falls to zero at full jerk: a·|a| / 2J, to 2^-48.
+    #[inline(never)]
     pub fn forced(&self, a: i128) -> Option<i128> {
         let bits = |x: u128| 128 - x.leading_zeros();
         let a_shift = bits(a.unsigned_abs()).saturating_sub(62);
         let j_shift = bits(self.j.unsigned_abs()).saturating_sub(50);
         let a_short = a.unsigned_abs() >> a_shift;
-        let ratio = a_short * a_short / (2 * (self.j.unsigned_abs() >> j_shift));
+        let ratio = wide::div(a_short * a_short, 2 * (self.j.unsigned_abs() >> j_shift));
         let size = if 2 * a_shift >= j_shift {
             let up = 2 * a_shift - j_shift;
             (bits(ratio) + up <= BITS + 6).then(|| ratio << up)?
@@ -74,18 +76,20 @@ impl Rates {
     }
 
     /// Segments of a symmetric ramp over `dv` that starts and ends without acceleration.
+    #[inline(never)]
     pub fn symmetric(&self, dv: i128) -> Option<[u32; 3]> {
         let dv = dv.unsigned_abs();
         if dv == 0 {
             return Some([0; 3]);
         }
         let (a, j) = (self.a.unsigned_abs(), self.j.unsigned_abs());
-        let q = dv.div_ceil(a).max(sqrt_up(dv.div_ceil(j)));
-        let p = dv.div_ceil(j.checked_mul(q)?);
+        let q = wide::div_up(dv, a).max(sqrt_up(wide::div_up(dv, j)));
+        let p = wide::div_up(dv, wide::product(j, q)?);
         Some([segments(p as i128)?, segments((q - p) as i128)?, segments(p as i128)?])
     }
 
     /// Segments of the ramp from `(v0, a0)` to `(v1, 0)`.
+    #[inline(never)]
     pub fn ramp(&self, v0: i128, a0: i128, v1: i128) -> Option<[u32; 3]> {
         if a0 == 0 {
             return self.symmetric(v1 - v0);
@@ -95,7 +99,7 @@ impl Rates {
         let (a0, dv) = (sign * a0, sign * (v1 - v0));
         // Times in Q16, their squares in Q32.
         let t0 = ratio(a0, self.j, 16)?;
-        let t0_squared = t0.checked_mul(t0)?;
+        let t0_squared = wide::signed_product(t0, t0)?;
         let square = (ratio(dv, self.j, 32)? + t0_squared / 2).max(0);
         let peak = sqrt_up(square as u128) as i128;
         let most = ratio(self.a, self.j, 16).unwrap_or(i128::MAX);
@@ -105,8 +109,8 @@ impl Rates {
         } else {
             n[0] = up16((most - t0).abs());
             n[2] = up16(most);
-            let rest = 2 * dv - n[0].checked_mul(a0 + self.a)? - n[2].checked_mul(self.a)?;
-            n[1] = div_up(rest, 2 * self.a).max(0);
+            let rest = 2 * dv - wide::signed_product(a0 + self.a, n[0])? - wide::signed_product(self.a, n[2])?;
+            n[1] = wide::signed_div_up(rest, 2 * self.a).max(0);
         }
         let n = [segments(n[0])?, segments(n[1])?, segments(n[2])?];
         self.relax(a0, dv, n)
@@ -124,6 +128,7 @@ impl Rates {
     }
 
     /// Adds a segment where the strain is, at most `times`.
+    #[inline(never)]
     fn bump(&self, a0: i128, dv: i128, mut n: [u32; 3], times: u32) -> Option<[u32; 3]> {
         if n == [0; 3] {
             n = [1, 0, 1];
@@ -189,17 +194,19 @@ impl Rates {
     }
 
     /// Whether the first and the last part of a ramp ask for too much jerk.
+    #[inline(never)]
     fn strain(&self, a0: i128, peak: i128, n: [u32; 3]) -> (bool, bool) {
-        let [n1, _, n3] = n.map(i128::from);
-        ((peak - a0).abs() > self.j.saturating_mul(n1), peak.abs() > self.j.saturating_mul(n3))
+        let most = |n: u32| wide::times(self.j, n).unwrap_or(i128::MAX);
+        ((peak - a0).abs() > most(n[0]), peak.abs() > most(n[2]))
     }
 }
 
 /// `num / den` with `bits` (at most 32) fractional bits; the last 12 of 32 are not computed.
+#[inline(never)]
 fn ratio(num: i128, den: i128, bits: u32) -> Option<i128> {
-    let whole = num / den;
+    let (whole, rest) = wide::signed_div_rem(num, den);
     let fine = bits.min(20);
-    let fraction = ((num % den) << fine) / den;
+    let fraction = wide::signed_div(rest << fine, den);
     (whole.abs() < 1 << 80).then(|| (whole << bits) + (fraction << (bits - fine)))
 }
 
@@ -209,20 +216,18 @@ fn up16(t: i128) -> i128 {
     (t + 0xffff - 8) >> 16
 }
 
-/// Division rounded up; `den` positive.
-pub(super) fn div_up(num: i128, den: i128) -> i128 {
-    let quotient = num / den;
-    if num % den > 0 { quotient + 1 } else { quotient }
-}
-
 /// A count of segments, refused beyond [`LONGEST`].
 pub(super) fn segments(n: i128) -> Option<u32> {
     (0..=LONGEST).contains(&n).then_some(n as u32)
 }
 
 /// The peak acceleration of a ramp over `dv` with these durations.
+#[inline(never)]
 pub(super) fn peak(a0: i128, dv: i128, n: [u32; 3]) -> Option<i128> {
-    let [n1, n2, n3] = n.map(i128::from);
-    let weight = n1 + 2 * n2 + n3;
-    (weight > 0).then(|| a0.checked_mul(n1).map(|known| (2 * dv - known) / weight))?
+    let weight = n[0] as u64 + 2 * n[1] as u64 + n[2] as u64;
+    if weight == 0 {
+        return None;
+    }
+    let known = wide::times(a0, n[0])?;
+    Some(wide::signed_div(2 * dv - known, weight.into()))
 }

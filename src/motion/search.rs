@@ -2,7 +2,8 @@
 
 use super::path::{Path, Point};
 use super::plan::lead_in;
-use super::ramp::{Rates, div_up, segments};
+use super::ramp::{Rates, segments};
+use crate::units::wide;
 
 /// Bisection steps for the cruise velocity: what they leave is made up by a short cruise.
 const STEPS: u32 = 24;
@@ -28,6 +29,7 @@ impl Shape {
 }
 
 /// The shape without cruise, and its way, for a cruise velocity.
+#[inline(never)]
 fn shape(from: Point, vc: i128, rates: &Rates) -> Option<(Shape, i128)> {
     let up = rates.ramp(from.v, from.a, vc)?;
     let down = rates.symmetric(vc)?;
@@ -39,6 +41,7 @@ fn shape(from: Point, vc: i128, rates: &Rates) -> Option<(Shape, i128)> {
 ///
 /// With `lead` an acceleration that has to change its sign does so at exactly full jerk first:
 /// slower by a segment or so, but the velocity never goes beyond what the state forces.
+#[inline(never)]
 pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) -> Option<Path> {
     let at = path.at;
     let free = at.v + rates.forced(at.a)?;
@@ -64,7 +67,7 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
         return cruise_at(path, rates.v, way, &rates);
     }
     let free = at.v + rates.forced(at.a)?;
-    let (mut low, mut high) = (free.clamp(0, rates.v), rates.v);
+    let (mut low, mut high) = (wide::within(free, 0, rates.v), rates.v);
     for _ in 0..STEPS {
         let middle = low + (high - low) / 2;
         let (found, reach) = shape(at, middle, &rates)?;
@@ -74,7 +77,7 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
         }
         low = middle;
         let ramps = found.up.iter().chain(&found.down).fold(0, |sum: u32, n| sum.saturating_add(*n));
-        if way - reach <= middle.saturating_mul(1 + i128::from(ramps >> 8)) {
+        if way - reach <= wide::times(middle, 1 + (ramps >> 8)).unwrap_or(i128::MAX) {
             break;
         }
     }
@@ -89,6 +92,7 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
 }
 
 /// Fixes the durations for a cruise velocity near `wanted` and solves the rest exactly.
+#[inline(never)]
 fn cruise_at(path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path> {
     if wanted <= 0 {
         return None;
@@ -96,7 +100,7 @@ fn cruise_at(path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path>
     let near = cruise_near(path, wanted, way, rates);
     let (ideal, reach) = shape(path.at, wanted, rates)?;
     let segments = ideal.up.iter().chain(&ideal.down).map(|n| i128::from(*n)).sum::<i128>();
-    let fair = i128::from(path.time) + segments + (way - reach) / wanted + 2;
+    let fair = i128::from(path.time) + segments + wide::signed_div(way - reach, wanted) + 2;
     if near.is_some_and(|near| i128::from(near.time) <= fair) {
         return near;
     }
@@ -113,12 +117,12 @@ fn cruise_near(mut path: Path, wanted: i128, way: i128, rates: &Rates) -> Option
     }
     let mut vc = wanted;
     let (mut shape, reach) = shape(at, vc, rates)?;
-    shape.cruise = segments(div_up((way - reach).max(0), vc))?;
+    shape.cruise = segments(wide::signed_div_up((way - reach).max(0), vc))?;
     if shape.up == [0; 3] {
         shape.up = [1, 0, 1];
     }
     for _ in 0..10 {
-        vc = solve(|vc| shape.way(at, vc), vc, way)?;
+        vc = solve(&|vc| shape.way(at, vc), vc, way)?;
         if vc > rates.v.max(at.v) || vc <= 0 {
             shape.cruise += 1;
             continue;
@@ -140,13 +144,14 @@ fn cruise_near(mut path: Path, wanted: i128, way: i128, rates: &Rates) -> Option
         }
         // The longer ramps cover way too: less is left to the cruise.
         shape = Shape { up, cruise: 0, down };
-        shape.cruise = segments(div_up((way - shape.way(at, wanted)?).max(0), wanted))?;
+        shape.cruise = segments(wide::signed_div_up((way - shape.way(at, wanted)?).max(0), wanted))?;
     }
     None
 }
 
 /// The argument near `x` at which the affine function `f` is `goal`.
-pub(super) fn solve(f: impl Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -> Option<i128> {
+#[inline(never)]
+pub(super) fn solve(f: &dyn Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -> Option<i128> {
     // A step that is large against the rounding of f, small against its range.
     let step = 1 << 70;
     let slope = (f(x + step)? - f(x)?) >> 30;
@@ -160,16 +165,17 @@ pub(super) fn solve(f: impl Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -
             break;
         }
         let shift = error.unsigned_abs().leading_zeros().saturating_sub(2).min(40);
-        x += ((error << shift) / slope) << (40 - shift);
+        x += wide::signed_div(error << shift, slope) << (40 - shift);
     }
     Some(x)
 }
 
 /// Eases the deceleration off for some segments, then stops: for a target between where a stop
 /// ends and where it ends after the acceleration has been zero once.
+#[inline(never)]
 fn ease(path: Path, way: i128, rates: &Rates) -> Option<Path> {
     let at = path.at;
-    let most = segments(at.a.abs() / rates.j)?;
+    let most = segments(wide::signed_div(at.a.abs(), rates.j))?;
     let eased = |m: u32| at.after(m, at.a + rates.j * i128::from(m));
     let stop = |m: u32| -> Option<([u32; 3], i128)> {
         let point = eased(m)?;
@@ -215,7 +221,7 @@ fn eased_path(mut path: Path, m: u32, n: [u32; 3], way: i128, rates: &Rates) -> 
         return None;
     }
     let at = path.at;
-    let a1 = solve(|a1| Some(at.after(m, a1)?.after_ramp(n, 0)?.s), at.a, way)?;
+    let a1 = solve(&|a1| Some(at.after(m, a1)?.after_ramp(n, 0)?.s), at.a, way)?;
     let middle = at.after(m, a1)?;
     if a1 > 0 || (a1 - at.a).abs() > rates.j * i128::from(m) {
         return None;

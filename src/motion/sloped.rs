@@ -4,6 +4,7 @@
 use super::path::{Path, Point};
 use super::ramp::{Rates, segments};
 use super::search::solve;
+use crate::units::wide;
 
 /// By how much a stop is lengthened in turn, in segments: each leaves more room for the slope.
 const LONGER: [u32; 12] = [0, 1, 2, 3, 4, 6, 9, 14, 21, 32, 64, 128];
@@ -24,7 +25,7 @@ pub(super) fn cruise(mut path: Path, vc: i128, way: i128, rates: &Rates) -> Opti
         if left < 0 {
             return None;
         }
-        let cruise = segments(left / vc)?;
+        let cruise = segments(wide::signed_div(left, vc))?;
         [cruise, cruise + 1].into_iter().find_map(|cruise| {
             let mut path = path;
             path.push(cruise, 0)?;
@@ -59,15 +60,20 @@ pub(super) fn stop(path: Path, way: i128, rates: &Rates) -> Option<Path> {
 /// The stop with these durations that ends exactly at `way`, if it keeps the limits.
 pub(super) fn stop_at(mut path: Path, n: [u32; 3], way: i128, rates: &Rates) -> Option<Path> {
     let at = path.at;
-    let [n1, n2, n3] = n.map(i128::from);
+    let [n1, n2, n3] = n;
     // The second corner follows from the first and the velocity.
-    let known = -2 * at.v - n1.checked_mul(at.a)?;
-    let second = |first: i128| known.checked_sub((n1 + n2).checked_mul(first)?)?.checked_div(n2 + n3);
+    let known = -2 * at.v - wide::times(at.a, n1)?;
+    let (before, behind) = (n1.checked_add(n2)?, i128::from(n2) + i128::from(n3));
+    if behind == 0 {
+        return None;
+    }
+    let second = |first: i128| Some(wide::signed_div(known.checked_sub(wide::times(first, before)?)?, behind));
     let end = |first: i128| at.after(n[0], first)?.after(n[1], second(first)?)?.after(n[2], 0);
-    let first = solve(|first| Some(end(first)?.s), at.a, way)?;
+    let first = solve(&|first| Some(end(first)?.s), at.a, way)?;
     let second = second(first)?;
     let corners = [at.a, first, second, 0];
-    let steep = corners.windows(2).zip([n1, n2, n3]).any(|(a, n)| (a[1] - a[0]).abs() > rates.j.saturating_mul(n));
+    let steep =
+        corners.windows(2).zip(n).any(|(a, n)| (a[1] - a[0]).abs() > wide::times(rates.j, n).unwrap_or(i128::MAX));
     if steep || first.abs().max(second.abs()) > rates.a {
         return None;
     }

@@ -118,6 +118,7 @@ fn register(command: Command) -> Option<(Bank, Part)> {
     })
 }
 
+#[inline(never)]
 fn access(call: &Call<'_>, status: &mut LinkStatus, bank: Bank, part: Part, out: &mut Response) -> Result<Flow, Error> {
     let register = status.bank_mut(bank);
     if call.query {

@@ -55,6 +55,7 @@ pub struct Unit<'m> {
 }
 
 /// The unit at or after `at`; None at the end. Empty units are skipped.
+#[inline(never)]
 pub fn next_unit<'m>(message: &'m [u8], mut at: usize, path: &Path) -> Option<Unit<'m>> {
     loop {
         let rest = message.get(at..).filter(|rest| !rest.is_empty())?;
@@ -93,6 +94,7 @@ fn unit_length(rest: &[u8]) -> (usize, Option<ErrorNumber>) {
     (rest.len(), fault)
 }
 
+#[inline(never)]
 fn parse<'m>(
     message: &'m [u8],
     start: usize,

@@ -4,9 +4,9 @@
 //! never lost. A longer one is written in parts: the handler writes a part, notes in [`Response::resume_at`] where to
 //! go on, returns `Flow::More`, and is called again when there is room.
 
-use crate::units::Axis;
 pub use crate::units::decimal::axis_unit;
 use crate::units::decimal::{Dimension, Formatted, Unit};
+use crate::units::{Axis, wide};
 use core::fmt::{self, Write};
 use heapless::Vec;
 
@@ -79,20 +79,25 @@ impl Response {
     pub fn fine_quantity(&mut self, value: i64, unit: Unit) {
         let (scaled, decimals, least) = match unit.dimension {
             // 180 / pi in 10^-18; 10^-18 degree is below 2^-32 nrad
-            Dimension::Angle => {
-                ((i128::from(value) * 57_295_779_513_082_320_877 / 1_000_000_000 + (1 << 31)) >> 32, 18, 8)
-            }
+            Dimension::Angle => (
+                (wide::signed_div(i128::from(value) * 57_295_779_513_082_320_877, 1_000_000_000) + (1 << 31)) >> 32,
+                18,
+                8,
+            ),
             // 10^-13 um is below 2^-32 nm
             _ => ((i128::from(value) * 10_000_000_000 + (1 << 31)) >> 32, 13, 3),
         };
         let (mut size, mut decimals) = (scaled.unsigned_abs(), decimals);
-        while decimals > least && size % 10 == 0 {
-            size /= 10;
+        while decimals > least {
+            let (tenth, 0) = wide::div_rem(size, 10) else { break };
+            size = tenth;
             decimals -= 1;
         }
-        let unit = 10u128.pow(decimals);
+        // whole units and the digits behind them fit 64 bits whatever the value
+        let (whole, fraction) = wide::div_rem(size, 10u64.pow(decimals).into());
+        let (whole, fraction) = (wide::narrow(whole), wide::narrow(fraction));
         let sign = if scaled < 0 { "-" } else { "" };
-        self.item(format_args!("{sign}{}.{:0width$}", size / unit, size % unit, width = decimals as usize));
+        self.item(format_args!("{sign}{whole}.{fraction:0width$}", width = decimals as usize));
     }
 
     /// Characters as they are: a keyword, or several items that are already parted.

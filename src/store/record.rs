@@ -21,7 +21,7 @@ const MAGIC: [u8; 4] = *b"SREC";
 const CRC_AT: usize = 12;
 const STANDSTILL_AT: usize = 16;
 const PAYLOAD_AT: usize = STANDSTILL_AT + STANDSTILL_BYTES;
-const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+const CRC: crc::Crc<u32, crc::NoTable> = crc::Crc::<u32, crc::NoTable>::new(&crc::CRC_32_ISO_HDLC);
 
 /// Everything that `*SAV` keeps, but where the motors stand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

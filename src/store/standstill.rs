@@ -16,7 +16,7 @@ const VERSION: u8 = 1;
 const CRC_AT: usize = STANDSTILL_BYTES - 4;
 const COUNTS_AT: usize = 12;
 const OVERLAY_AT: usize = COUNTS_AT + 4 * AXES;
-const CRC: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+const CRC: crc::Crc<u32, crc::NoTable> = crc::Crc::<u32, crc::NoTable>::new(&crc::CRC_32_ISO_HDLC);
 
 /// Counts, overlays, flanks and what is known of them. Bit n of a mask: motor or axis n.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

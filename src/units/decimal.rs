@@ -6,7 +6,7 @@
 //! within 2^-60 nrad of a tie (a tie itself cannot happen, pi is irrational), for every angle that fits i64.
 
 use crate::error::ErrorNumber;
-use crate::units::Axis;
+use crate::units::{Axis, wide};
 use core::fmt;
 
 /// Significant digits that are used: 10^30 < 2^100.
@@ -160,7 +160,7 @@ impl Decimal {
         if power.saturating_add(magnitude) > 20 {
             return None;
         }
-        let whole = self.digits * 10u128.pow(power.max(0) as u32);
+        let whole = (0..power.max(0)).fold(self.digits, |digits, _| digits * 10);
         let mut product = multiply(whole, if factor.degrees { NRAD_PER_DEG } else { 1 << FACTOR_BITS });
         let mut divide_by = (-power).max(0) as u32;
         while divide_by > 0 {
@@ -189,6 +189,7 @@ fn exponent(text: &[u8]) -> Option<(i32, &[u8])> {
 }
 
 /// Full product of two 128-bit numbers, least significant limb first.
+#[inline(never)]
 fn multiply(a: u128, b: u128) -> [u64; 4] {
     let low = |x: u128| x & u128::from(u64::MAX);
     let (a0, a1, b0, b1) = (low(a), a >> 64, low(b), b >> 64);
@@ -199,16 +200,19 @@ fn multiply(a: u128, b: u128) -> [u64; 4] {
 }
 
 /// Divides in place; the remainder is dropped (floors of floors compose).
+#[inline(never)]
 fn divide(number: &mut [u64; 4], by: u64) {
     let mut remainder = 0u128;
     for limb in number.iter_mut().rev() {
         let value = remainder << 64 | u128::from(*limb);
-        *limb = (value / u128::from(by)) as u64;
-        remainder = value % u128::from(by);
+        let quotient;
+        (quotient, remainder) = wide::div_rem(value, u128::from(by));
+        *limb = quotient as u64;
     }
 }
 
 /// `number / 2^shift` to nearest, ties up, for 64 <= shift < 128; None beyond u128.
+#[inline(never)]
 fn round_shift(number: [u64; 4], shift: u32) -> Option<u128> {
     let (low, high) =
         (u128::from(number[1]) << 64 | u128::from(number[0]), u128::from(number[3]) << 64 | u128::from(number[2]));
@@ -326,9 +330,10 @@ impl fmt::Display for Formatted {
             Dimension::Percent | Dimension::Count => (magnitude, 0),
         };
         let sign = if self.value < 0 { "-" } else { "" };
-        let one = 10u128.pow(decimals);
-        write!(f, "{sign}{}", scaled / one)?;
-        if decimals > 0 { write!(f, ".{:0width$}", scaled % one, width = decimals as usize) } else { Ok(()) }
+        // whole units fit 64 bits whatever the value
+        let (whole, fraction) = wide::div_rem(scaled, 10u32.pow(decimals).into());
+        write!(f, "{sign}{}", wide::narrow(whole))?;
+        if decimals > 0 { write!(f, ".{:0width$}", fraction as u32, width = decimals as usize) } else { Ok(()) }
     }
 }
 

@@ -40,6 +40,7 @@ pub fn distance(front: &Front, axis: Axis, by: Displacement) -> i64 {
 ///
 /// # Errors
 /// Those of the table of commands.
+#[inline(never)]
 pub fn execute(front: &mut Front, axis: Axis, link: u8, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let mut params = call.params;
     let i = axis.index();
@@ -120,6 +121,7 @@ pub fn execute(front: &mut Front, axis: Axis, link: u8, call: &Call<'_>, out: &m
 }
 
 /// Settings that may change at any time.
+#[inline(never)]
 fn rates_and_limits(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let i = axis.index();
     let motor = front.motors()[i];
@@ -155,6 +157,7 @@ fn rates_and_limits(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Re
     Ok(())
 }
 
+#[inline(never)]
 fn limits(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let i = axis.index();
     let own = front.settings().axes[i];
@@ -184,6 +187,7 @@ fn limits(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) ->
     front.set_axes(&settings)
 }
 
+#[inline(never)]
 fn backlash(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let i = axis.index();
     let motor = front.motors()[i];
@@ -236,6 +240,7 @@ fn backlash(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) 
     front.set_axes(&settings)
 }
 
+#[inline(never)]
 fn step_size(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let now = front.law().step_q32(axis.index());
     let setting = Setting {
@@ -249,6 +254,7 @@ fn step_size(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response)
     front.set_step(axis, value.unsigned_abs())
 }
 
+#[inline(never)]
 fn pulses(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let i = axis.index();
     let mut settings = *front.settings();

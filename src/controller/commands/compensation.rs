@@ -9,6 +9,7 @@ use crate::scpi::response::Response;
 use crate::scpi::session::Flow;
 use crate::scpi::tree::Command as C;
 use crate::units::decimal::Unit;
+use crate::units::wide;
 
 /// Largest coordinate of a pivot, nm: a sixteenth of it fits 30 bits and a sign.
 const PIVOT_LIMIT_NM: i64 = 1 << 26;
@@ -21,6 +22,7 @@ const MATRIX_DECIMALS: u32 = 12;
 ///
 /// # Errors
 /// Those of the table of commands.
+#[inline(never)]
 pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
     let mut params = call.params;
     match call.command {
@@ -87,6 +89,7 @@ fn data(front: &Front, out: &mut Response) -> Result<Flow, Error> {
 }
 
 /// D^-1 row by row, then W^-1 row by row, nine numbers a part.
+#[inline(never)]
 fn matrix(front: &Front, out: &mut Response) -> Result<Flow, Error> {
     let calibration = front.calibration()?;
     let unit = 10i128.pow(MATRIX_DECIMALS);
@@ -114,12 +117,15 @@ fn round_shift(value: i128, bits: u32) -> i128 {
     (value + (1 << (bits - 1))) >> bits
 }
 
+#[inline(never)]
 fn element(value: i128, out: &mut Response) {
     let unit = 10u128.pow(MATRIX_DECIMALS);
     let (sign, size) = (if value < 0 { "-" } else { "" }, value.unsigned_abs());
-    out.item(format_args!("{sign}{}.{:012}", size / unit, size % unit));
+    let (whole, fraction) = wide::div_rem(size, unit);
+    out.item(format_args!("{sign}{}.{:012}", wide::narrow(whole), wide::narrow(fraction)));
 }
 
+#[inline(never)]
 fn pivot_define(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let mut params = call.params;
     let k = params.integer(0, PIVOTS as i64 - 1)? as u8;

@@ -18,6 +18,7 @@ const SIDE_ANSWERS: [&str; 2] = ["LOW", "UPP"];
 ///
 /// # Errors
 /// Those of the table of commands.
+#[inline(never)]
 pub fn execute(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let i = axis.index();
     let motor = front.motors()[i];

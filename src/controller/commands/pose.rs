@@ -14,6 +14,7 @@ use crate::units::{AXES, Axis};
 ///
 /// # Errors
 /// Those of the table of commands.
+#[inline(never)]
 pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     let mut params = call.params;
     match call.command {

@@ -30,8 +30,20 @@ impl Setting {
     pub fn access(
         self,
         call: &Call<'_>,
-        parse: impl FnOnce(&mut Params<'_>) -> Result<i64, Error>,
-        answer: impl FnOnce(i64),
+        parse: impl Fn(&mut Params<'_>) -> Result<i64, Error>,
+        answer: impl FnMut(i64),
+    ) -> Result<Option<i64>, Error> {
+        let mut answer = answer;
+        self.access_by(call, &parse, &mut answer)
+    }
+
+    /// [`Setting::access`], of which the firmware has room for one only.
+    #[inline(never)]
+    fn access_by(
+        self,
+        call: &Call<'_>,
+        parse: &dyn Fn(&mut Params<'_>) -> Result<i64, Error>,
+        answer: &mut dyn FnMut(i64),
     ) -> Result<Option<i64>, Error> {
         let mut params = call.params;
         if call.query {
@@ -52,7 +64,7 @@ impl Setting {
     ///
     /// # Errors
     /// As [`Setting::access`].
-    pub fn access_switch(self, call: &Call<'_>, answer: impl FnOnce(i64)) -> Result<Option<bool>, Error> {
+    pub fn access_switch(self, call: &Call<'_>, answer: impl FnMut(i64)) -> Result<Option<bool>, Error> {
         Ok(self.access(call, |p| p.boolean().map(i64::from), answer)?.map(|v| v != 0))
     }
 }

@@ -14,6 +14,7 @@ use crate::units::decimal::Unit;
 ///
 /// # Errors
 /// Those of the table of commands.
+#[inline(never)]
 pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
     match call.command {
         C::Save => storage(front, StorageRequest::Save, call, out),

@@ -16,6 +16,7 @@ const LEVELS: [&str; 2] = ["LOW", "HIGH"];
 ///
 /// # Errors
 /// Those of the table of commands.
+#[inline(never)]
 pub fn execute(front: &mut Front, axis: Axis, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
     if call.command == C::AxisLimitHard {
         let (lower, upper) = front.active_switches();

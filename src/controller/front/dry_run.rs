@@ -4,7 +4,7 @@ use super::Front;
 use crate::compensation::backlash::Play;
 use crate::compensation::law::Remembered;
 use crate::error::Error;
-use crate::units::{AXES, Axis, FinePose, Pose, SEGMENT_NS};
+use crate::units::{AXES, Axis, FinePose, Pose, SEGMENT_NS, wide};
 
 /// Samples of a path on which a dry run counts the changes of flank.
 const DRY_RUN_SAMPLES: i64 = 200;
@@ -67,9 +67,10 @@ impl Front {
             let mut pose = FinePose::default();
             for (u, (a, b)) in pose.0.iter_mut().zip(from.0.iter().zip(&to.0)) {
                 let (a, b) = (i64::from(*a), i64::from(*b));
-                *u = (a << 32) + ((((b - a) as i128) << 32) * i128::from(k) / i128::from(DRY_RUN_SAMPLES)) as i64;
+                *u = (a << 32)
+                    + wide::signed_div(i128::from((b - a) << 32) * i128::from(k), i128::from(DRY_RUN_SAMPLES)) as i64;
             }
-            let steps = self.capability.law.motors(&pose, &mut remembered).floor();
+            let steps = self.capability.law.targets(&pose, &mut remembered).floor();
             for (i, play) in plays.iter_mut().enumerate() {
                 let dead_band = self.settings.axes[i].backlash.dead_band;
                 changes[i] += u32::from(play.turn(steps.0[i], dead_band));
@@ -80,5 +81,5 @@ impl Front {
 
 /// Steps per segment in Q44 to steps per second.
 fn per_second_q44(rate: u64) -> u64 {
-    ((u128::from(rate) * 1_000_000_000 / u128::from(SEGMENT_NS)) >> 44) as u64
+    (wide::div(u128::from(rate) * 1_000_000_000, u128::from(SEGMENT_NS)) >> 44) as u64
 }

@@ -32,10 +32,10 @@ use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
 use crate::error::{Detail, Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
-use crate::motion::planner::{Capability, Planner};
+use crate::motion::planner::{Capability, Planner, Versioned};
 use crate::settings::{self, Settings};
 use crate::stepgen::timing::Timing;
-use crate::units::{AXES, Axis, MotorSteps, Pose, SEGMENT_TICKS};
+use crate::units::{AXES, Axis, MotorSteps, Pose, SEGMENT_TICKS, wide};
 
 /// Pivots that can be kept; number 0 is the calibration's own fibre point.
 pub const PIVOTS: usize = 8;
@@ -87,7 +87,7 @@ pub struct Front {
     pub(super) settings: Settings,
     pivots: [Option<[i32; 3]>; PIVOTS],
     pivot: u8,
-    capability: Capability,
+    capability: Versioned<Capability>,
     timing: Timing,
     planner: Planner,
     report: Report,
@@ -157,13 +157,13 @@ impl Front {
             settings,
             pivots: [None; PIVOTS],
             pivot: 0,
-            capability: Capability {
+            capability: Versioned::new(Capability {
                 law,
                 motors: motors.map(|m| settings::motor_rates(&m)),
                 wanted: settings.axes.map(|a| a.wanted()),
                 limits: Limits([NO_LIMITS; AXES]),
                 override_percent: 100,
-            },
+            }),
             timing: Timing::default(),
             planner: Planner::at_rest(Pose::default()),
             // lines that are pulled up, until they are known
@@ -273,7 +273,7 @@ impl Front {
         let (orders, sequence, aborts) = (&mut self.orders, &mut self.sequence, self.report.aborts);
         let answered = self.report.answered;
         let planned_from = self.report.next;
-        let result = self.planner.plan(&self.capability, segment, |proposal| {
+        let result = self.planner.plan(&self.capability, segment, &mut |proposal| {
             self.planned_from = planned_from;
             if sequence.wrapping_sub(answered) >= UNANSWERED {
                 return None;
@@ -477,7 +477,7 @@ const NO_LIMITS: AxisLimits = AxisLimits {
 fn check_step_rates(timing: &Timing, motors: &[MotorData; AXES]) -> Result<(), Error> {
     let ceiling = u128::from(timing.max_step_rate());
     for (axis, motor) in Axis::ALL.into_iter().zip(motors) {
-        if (u128::from(motor.velocity) << 32).div_ceil(u128::from(motor.step_q32.max(1))) > ceiling {
+        if wide::div_up(u128::from(motor.velocity) << 32, u128::from(motor.step_q32.max(1))) > ceiling {
             return Err(Error {
                 number: ErrorNumber::SettingsConflict,
                 detail: Detail::AxisText(axis, "step rate above what the pulse timing allows"),

@@ -3,7 +3,7 @@
 use super::{Abort, Front, refuse};
 use crate::error::{Detail, Error, ErrorNumber};
 use crate::motion::planner::Desire;
-use crate::units::{AXES, Axis, Pose, SEGMENT_NS};
+use crate::units::{AXES, Axis, Pose, SEGMENT_NS, wide};
 
 impl Front {
     /// While an immediate stop is carried out, nobody knows yet from where a move would start; a take-up on command
@@ -116,19 +116,24 @@ impl Front {
     }
 
     /// Checks a move; answers where it has to overshoot to, if a motor is to end in one direction.
-    fn legs(&self, from: Pose, to: Pose) -> Result<Option<Pose>, Error> {
+    fn legs(&mut self, from: Pose, to: Pose) -> Result<Option<Pose>, Error> {
         let over = self.overshoot(from, to);
-        let mut at = from;
-        for leg in [over, Some(to)].into_iter().flatten() {
-            self.planner.check(&self.capability, at, leg)?;
-            self.check_switches(leg)?;
-            at = leg;
+        let first = over.unwrap_or(to);
+        // what is checked first is made first
+        self.planner.prepare(&self.capability, from, first)?;
+        self.check_switches(first)?;
+        if over.is_some() {
+            self.planner.check(&self.capability, first, to)?;
+            self.check_switches(to)?;
         }
         Ok(over)
     }
 
     /// Where a move from `from` to `to` has to go first, so that every one-directional motor ends in its direction.
     pub(super) fn overshoot(&self, from: Pose, to: Pose) -> Option<Pose> {
+        if self.settings.axes.iter().all(|own| own.backlash.mode.ending().is_none()) {
+            return None;
+        }
         let law = &self.capability.law;
         let (start, mut end) = (law.steps(from), law.steps(to));
         let mut needed = false;
@@ -239,8 +244,10 @@ impl Front {
         let speeds = self.planner.speeds(segment);
         for (i, speed) in speeds.into_iter().enumerate() {
             // Q32 per segment against nm/s
-            let threshold =
-                (u128::from(self.settings.axes[i].start_velocity) << 32) * u128::from(SEGMENT_NS) / 1_000_000_000;
+            let threshold = wide::div(
+                (u128::from(self.settings.axes[i].start_velocity) << 32) * u128::from(SEGMENT_NS),
+                1_000_000_000,
+            );
             if u128::from(speed) > threshold + (threshold >> 10) {
                 self.uncertain[i] = true;
             }

@@ -1,8 +1,11 @@
 //! From desires and goals to tracks.
 
+use super::checked::Checked;
 use super::share::Asking;
 use super::slot::{Active, Flight, Intent};
-use super::{COORDINATED, Capability, Desire, Planner, Proposal, SLOTS, unplannable, with_speed};
+use super::{
+    COORDINATED, Capability, Desire, Planner, Proposal, SLOTS, Versioned, go_along, straight, unplannable, with_speed,
+};
 use crate::error::Error;
 use crate::motion::bounds::{PATH_ONE, Path};
 use crate::motion::budget::Grant;
@@ -10,7 +13,7 @@ use crate::motion::plan::{to_position, to_velocity};
 use crate::motion::profile::State;
 use crate::motion::ramp;
 use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
-use crate::units::{AXES, Axis, COORDINATE_LIMIT, Pose};
+use crate::units::{AXES, Axis, COORDINATE_LIMIT, Pose, wide};
 
 /// A jog ends after this many segments (38 hours) at the latest: a profile is not made for more.
 const LONGEST_JOG: i64 = 1 << 30;
@@ -23,22 +26,22 @@ impl Planner {
     /// The first limit that a waiting goal or desire turned out to break; it is dropped, the others go on.
     pub fn plan(
         &mut self,
-        capability: &Capability,
+        capability: &Versioned<Capability>,
         segment: u64,
-        mut order: impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
         self.merge(segment);
         for slot in 0..SLOTS {
-            self.plan_changes(capability, slot, segment, &mut order);
+            self.plan_changes(capability, slot, segment, order);
         }
         let mut refused = None;
         if let Some(goal) = self.goal
-            && let Err(error) = self.plan_goal(capability, goal, segment, &mut order)
+            && let Err(error) = self.plan_goal(capability, goal, segment, order)
         {
             refused = Some((None, error));
         }
         for axis in Axis::ALL {
-            if let Err(error) = self.plan_desire(capability, axis, segment, &mut order) {
+            if let Err(error) = self.plan_desire(capability, axis, segment, order) {
                 refused = refused.or(Some((Some(axis), error)));
             }
         }
@@ -60,12 +63,13 @@ impl Planner {
     }
 
     /// Stops and changes of speed of a track that runs.
+    #[inline(never)]
     fn plan_changes(
         &mut self,
         capability: &Capability,
         slot: usize,
         segment: u64,
-        order: &mut impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) {
         let entry = &mut self.slots[slot];
         if entry.flight.is_some() || !(entry.stop || entry.replan) {
@@ -121,9 +125,9 @@ impl Planner {
         active: Active,
         intent: Intent,
         segment: u64,
-        order: &mut impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> bool {
-        match order(Proposal { slot: slot as u8, segment, track: active.track }) {
+        match order(Proposal { slot: slot as u8, segment }) {
             Some(sequence) => {
                 self.slots[slot].flight = Some(Flight { sequence, active, intent });
                 true
@@ -132,12 +136,13 @@ impl Planner {
         }
     }
 
+    #[inline(never)]
     fn plan_goal(
         &mut self,
-        capability: &Capability,
+        capability: &Versioned<Capability>,
         goal: Pose,
         segment: u64,
-        order: &mut impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
         if self.slots.iter().any(|s| s.flight.is_some()) {
             return Ok(());
@@ -165,23 +170,33 @@ impl Planner {
         let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active.is_none()) else {
             return Ok(());
         };
-        let rest = self.rest();
-        let target = goal.fine();
-        let mut direction = [0; AXES];
-        for (d, (to, from)) in direction.iter_mut().zip(target.0.iter().zip(&rest.0)) {
-            *d = to - from;
-        }
+        let path = straight(self.rest(), goal.fine());
+        let direction = path.direction;
         if direction == [0; AXES] {
             self.goal = self.then_goal.take();
             return Ok(());
         }
-        let path = Path { origin: rest, direction, from: 0, to: PATH_ONE };
-        let asking = Asking { path: &path, region: &path, slot: SLOTS, segment, single: false, starts_high: false };
-        let Some(grant) = self.grant(capability, &asking)? else {
-            return Ok(());
+        let idle = !self.is_running();
+        let as_checked = |checked: &&Checked| {
+            idle && checked.version == capability.version() && checked.to == goal && checked.from.fine() == path.origin
         };
-        let limits = with_speed(&grant, PATH_ONE, capability.override_percent);
-        let profile = to_position(State::rest(0), PATH_ONE, limits).map_err(|_| unplannable())?;
+        let (grant, profile) = if let Some(checked) = self.checked.as_ref().filter(as_checked) {
+            (checked.grant, checked.profile)
+        } else {
+            let asking = Asking {
+                path: &path,
+                region: &path,
+                slot: SLOTS,
+                segment,
+                single: false,
+                starts_high: false,
+                alone: false,
+            };
+            let Some(grant) = self.grant(capability, &asking)? else {
+                return Ok(());
+            };
+            (grant, go_along(capability, &grant).ok_or_else(unplannable)?)
+        };
         let track = Track { origin: [0; AXES], direction, end: direction, profile };
         let active = Active {
             track,
@@ -200,12 +215,13 @@ impl Planner {
         Ok(())
     }
 
+    #[inline(never)]
     fn plan_desire(
         &mut self,
         capability: &Capability,
         axis: Axis,
         segment: u64,
-        order: &mut impl FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<u16>,
     ) -> Result<(), Error> {
         let i = axis.index();
         if self.desires[i] == Desire::None {
@@ -274,8 +290,15 @@ impl Planner {
         } else {
             path
         };
-        let asking =
-            Asking { path: &path, region: &region, slot: i, segment, single: true, starts_high: goal < state.position };
+        let asking = Asking {
+            path: &path,
+            region: &region,
+            slot: i,
+            segment,
+            single: true,
+            starts_high: goal < state.position,
+            alone: false,
+        };
         let granted = self.grant(capability, &asking)?;
         let grant = match (&running, granted) {
             (None, None) => return Ok(()),
@@ -290,7 +313,7 @@ impl Planner {
             }
         };
         // nm per segment in Q44 to path units in Q60
-        let speed = ((u128::from(speed) << 16) >> SINGLE_AXIS_UNIT_BITS).clamp(1, 1 << 60) as i64;
+        let speed = (speed >> (SINGLE_AXIS_UNIT_BITS - 16)).clamp(1, 1 << 60) as i64;
         let limits = with_speed(&grant, speed, capability.override_percent);
         let jog = matches!(self.desires[i], Desire::Jog { .. });
         let goal = if jog {
@@ -334,7 +357,7 @@ fn agrees(state: State, new: &Grant, (from, to): (i64, i64)) -> bool {
     let limits = new.limits;
     let (v_most, a_most, j) = (i128::from(limits.velocity), i128::from(limits.acceleration), i128::from(limits.jerk));
     // the velocity that is reached while the acceleration falls to zero
-    let forced = v + a * a.abs() / (2 * j);
+    let forced = v + wide::signed_div(a * a.abs(), 2 * j);
     v.abs() < v_most
         && a.abs() < a_most
         && forced.abs() < v_most

@@ -11,6 +11,7 @@
 //! what runs decelerate along itself and adds a new track from the common rest pose, within what is left of the
 //! motors' limits; with too little left it waits.
 
+mod checked;
 mod launch;
 mod share;
 mod slot;
@@ -18,12 +19,14 @@ mod slot;
 use super::bounds::{PATH_ONE, Path};
 use super::budget::{Grant, Rates};
 use super::limits::Limits;
-use super::plan::to_position;
+use super::plan::position_profile;
 use super::profile::{Profile, State};
 use super::track::Track;
 use crate::compensation::law::Law;
 use crate::error::{Error, ErrorNumber};
 use crate::units::{AXES, Axis, FinePose, Pose};
+use checked::Checked;
+pub use checked::Versioned;
 use share::Asking;
 use slot::{Intent, Slot};
 
@@ -70,15 +73,13 @@ pub struct Capability {
     pub override_percent: u8,
 }
 
-/// A track that the generator is to run.
+/// A track that the generator is to run: the latest of its slot.
 #[derive(Clone, Copy, Debug)]
 pub struct Proposal {
     /// Which slot.
     pub slot: u8,
     /// With which segment it begins.
     pub segment: u64,
-    /// The track.
-    pub track: Track,
 }
 
 /// Duration and peak rates of a move that is only looked at.
@@ -99,6 +100,8 @@ pub struct Planner {
     goal: Option<Pose>,
     then_goal: Option<Pose>,
     then: [Option<i32>; AXES],
+    /// The move that was checked last.
+    checked: Option<Checked>,
 }
 
 impl Planner {
@@ -111,6 +114,7 @@ impl Planner {
             goal: None,
             then_goal: None,
             then: [None; AXES],
+            checked: None,
         }
     }
 
@@ -362,31 +366,48 @@ impl Planner {
         }
     }
 
-    /// Checks a move of one or all axes before it is accepted, from where everything comes to rest.
+    /// Checks a move of one or all axes from where everything comes to rest.
     ///
     /// # Errors
     /// -222 with the axis and the value, 108 with the disabled axis.
-    pub fn check(&self, capability: &Capability, from: Pose, to: Pose) -> Result<DryRun, Error> {
+    pub fn check(&self, capability: &Versioned<Capability>, from: Pose, to: Pose) -> Result<DryRun, Error> {
+        Ok(self.look_at(capability, from, to)?.map_or(DryRun::default(), |checked| checked.dry_run()))
+    }
+
+    /// [`Planner::check`] of a move that is to be made: it need not be planned again if it begins as it was checked.
+    ///
+    /// # Errors
+    /// Those of [`Planner::check`].
+    pub fn prepare(&mut self, capability: &Versioned<Capability>, from: Pose, to: Pose) -> Result<(), Error> {
+        self.checked = None;
+        self.checked = self.look_at(capability, from, to)?;
+        Ok(())
+    }
+
+    /// The move as if nothing else ran; none where it goes nowhere.
+    #[inline(never)]
+    fn look_at(&self, capability: &Versioned<Capability>, from: Pose, to: Pose) -> Result<Option<Checked>, Error> {
         capability.limits.check_move(&capability.law, from, to)?;
-        let rest = from.fine();
-        let mut direction = [0; AXES];
-        for (d, (to, from)) in direction.iter_mut().zip(to.fine().0.iter().zip(&rest.0)) {
-            *d = to - from;
+        let path = straight(from.fine(), to.fine());
+        if path.direction == [0; AXES] {
+            return Ok(None);
         }
-        if direction == [0; AXES] {
-            return Ok(DryRun::default());
-        }
-        let path = Path { origin: rest, direction, from: 0, to: PATH_ONE };
-        let asking = Asking { path: &path, region: &path, slot: SLOTS, segment: 0, single: false, starts_high: false };
-        let Some(grant) = Planner::at_rest(from).grant(capability, &asking)? else {
+        let asking = Asking {
+            path: &path,
+            region: &path,
+            slot: SLOTS,
+            segment: 0,
+            single: false,
+            starts_high: false,
+            alone: true,
+        };
+        let Some(grant) = self.grant(capability, &asking)? else {
             return Err(unplannable());
         };
-        let limits = with_speed(&grant, PATH_ONE, capability.override_percent);
-        let profile = to_position(State::rest(0), PATH_ONE, limits).map_err(|_| unplannable())?;
-        let peak = peak_velocity(&profile);
-        let granted = u128::from(grant.limits.velocity.unsigned_abs().max(1));
-        let rate = |uses: Rates| (u128::from(uses.velocity) * peak / granted) as u64;
-        Ok(DryRun { segments: u64::from(profile.duration()), step_rates: grant.uses.map(rate) })
+        let Some(profile) = go_along(capability, &grant) else {
+            return Err(unplannable());
+        };
+        Ok(Some(Checked { from, to, version: capability.version(), grant, profile }))
     }
 
     /// Largest speed of each axis in segment `segment`, nm or nrad per segment in Q32.
@@ -403,11 +424,19 @@ impl Planner {
     }
 }
 
-/// Largest velocity of a profile from rest to rest, path units per segment in Q60.
-fn peak_velocity(profile: &Profile) -> u128 {
-    // the peak of a move from rest lies in its cruise, hence at half its duration
-    let state = profile.state(profile.duration() / 2);
-    state.velocity.unsigned_abs() >> 30
+/// The straight way between two poses at rest.
+fn straight(from: FinePose, to: FinePose) -> Path {
+    let mut direction = [0; AXES];
+    for (d, (to, from)) in direction.iter_mut().zip(to.0.iter().zip(&from.0)) {
+        *d = to - from;
+    }
+    Path { origin: from, direction, from: 0, to: PATH_ONE }
+}
+
+/// From rest to rest over a whole path.
+fn go_along(capability: &Capability, grant: &Grant) -> Option<Profile> {
+    let limits = with_speed(grant, PATH_ONE, capability.override_percent);
+    position_profile(State::rest(0), PATH_ONE, limits)
 }
 
 fn unplannable() -> Error {

@@ -5,7 +5,7 @@ use crate::compensation::law::Remembered;
 use crate::error::Error;
 use crate::motion::bounds::{Bounds, PATH_ONE, Path};
 use crate::motion::budget::{Grant, Rates, Turning};
-use crate::units::{AXES, Axis};
+use crate::units::{AXES, Axis, wide};
 
 /// Angle beyond which a turn bends nothing further, nrad: the lever itself is the most it can add.
 const ONE_RADIAN: u64 = 1_000_000_000;
@@ -25,6 +25,8 @@ pub(super) struct Asking<'a> {
     pub single: bool,
     /// The motion begins at the upper end of the way.
     pub starts_high: bool,
+    /// As if nothing else ran.
+    pub alone: bool,
 }
 
 /// What the running tracks leave.
@@ -44,16 +46,19 @@ impl Planner {
     /// A limit that the path breaks by itself.
     pub(super) fn grant(&self, capability: &Capability, asking: &Asking<'_>) -> Result<Option<Grant>, Error> {
         let Capability { law, motors, wanted, limits, .. } = capability;
-        let way = Bounds::along(law, asking.path, 0);
+        let way = Bounds::along(law, asking.path);
         limits.check_motors(law, &way, asking.starts_high)?;
-        if !self.is_clear(capability, asking, &way) {
+        if !asking.alone && !self.is_clear(capability, asking, &way) {
             return Ok(None);
         }
         let swing = way.swing(asking.path);
-        let left = self.left(capability, asking.slot, asking.segment, swing);
-        // where it goes straight and nothing else turns the two are the same
-        let same = core::ptr::eq(asking.path, asking.region) && left.remaining == 0;
-        let mut bounds = if same { way } else { Bounds::along(law, asking.region, left.remaining) };
+        let left = if asking.alone {
+            Left { motors: *motors, others: Turning::default(), remaining: 0 }
+        } else {
+            self.left(capability, asking.slot, asking.segment, swing)
+        };
+        let region = if asking.region == asking.path { way } else { Bounds::along(law, asking.region) };
+        let mut bounds = region.among(law, left.remaining);
         bounds.rests = !asking.single && asking.path.from == 0 && asking.path.to == PATH_ONE;
         let mut ways = [0; AXES];
         for (way, d) in ways.iter_mut().zip(&asking.path.direction) {
@@ -62,11 +67,11 @@ impl Planner {
         let crossed = |i: usize, nrad2_q40: u128| law_crossed(capability, i, nrad2_q40);
         let share = if asking.single { SINGLE_SHARE_1024 } else { 1024 };
         let available = left.motors.map(|m| m.share(share));
-        let mut grant = Grant::within(&bounds, &available, wanted, &ways, left.others, crossed);
+        let mut grant = Grant::within(&bounds, &available, wanted, &ways, left.others, &crossed);
         grant.swing = swing;
-        if self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
+        if !asking.alone && self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
             let alone = motors.map(|m| m.share(share));
-            let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), crossed);
+            let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), &crossed);
             let (a, b) = (grant.limits, best.limits);
             let enough = |have: i64, want: i64| have >= want / WAIT_BELOW && have > 1;
             if !(enough(a.velocity, b.velocity) && enough(a.acceleration, b.acceleration) && enough(a.jerk, b.jerk)) {
@@ -91,7 +96,7 @@ impl Planner {
             let (low, high) = slot.reach(segment);
             let angle: u64 = active.track.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + 1).sum::<u64>();
             let way = low.unsigned_abs().max(high.unsigned_abs());
-            left.remaining += ((u128::from(angle) * u128::from(way)) >> 60) as u64;
+            left.remaining += wide::mul_shift(angle, way, 60);
         }
         left
     }
@@ -102,14 +107,13 @@ impl Planner {
         let mut way = way.clone();
         let mut low = [0i64; AXES];
         let mut high = [0i64; AXES];
-        let mut any = false;
-        let rest = law.motors(&self.rest(), &mut Remembered::default()).0;
         let swing = way.swing(asking.path);
+        let mut rest = None;
         for (i, slot) in self.slots.iter().enumerate() {
             let Some(active) = slot.latest().filter(|_| i != asking.slot) else {
                 continue;
             };
-            any = true;
+            let rest = rest.get_or_insert_with(|| law.targets(&self.rest(), &mut Remembered::default()).0);
             let (from, to) = slot.reach(asking.segment);
             let end = active.track.profile.end_position();
             let path = Path {
@@ -118,7 +122,7 @@ impl Planner {
                 from: end.saturating_add(from),
                 to: end.saturating_add(to),
             };
-            let other = Bounds::along(law, &path, 0);
+            let other = Bounds::along(law, &path);
             let angles = u128::from(swing) * u128::from(other.swing(&path));
             for (m, rest) in rest.iter().enumerate() {
                 let crossed = (law_crossed(capability, m, angles << 40) >> 12) as i64;
@@ -128,21 +132,19 @@ impl Planner {
                 way.highest[m] = way.highest[m].saturating_add(up);
             }
             for (a, d) in active.track.direction.iter().enumerate() {
-                let [one, other] = [from, to].map(|s| ((i128::from(*d) * i128::from(s)) >> 60) as i64);
+                let [one, other] = [from, to].map(|s| along(*d, s));
                 low[a] = low[a].saturating_add(one.min(other));
                 high[a] = high[a].saturating_add(one.max(other));
             }
         }
-        if !any {
+        if rest.is_none() {
             return true;
         }
         for axis in Axis::ALL {
             let i = axis.index();
             let (lower, upper) = limits.range(law, axis);
-            let own = [asking.path.from, asking.path.to].map(|s| {
-                asking.path.origin.0[i]
-                    .saturating_add(((i128::from(asking.path.direction[i]) * i128::from(s)) >> 60) as i64)
-            });
+            let own = [asking.path.from, asking.path.to]
+                .map(|s| asking.path.origin.0[i].saturating_add(along(asking.path.direction[i], s)));
             let shared = low[i] != high[i] && asking.path.direction[i] != 0;
             if shared
                 && (own[0].min(own[1]).saturating_add(low[i]) < i64::from(lower) << 32
@@ -170,17 +172,24 @@ impl Planner {
     }
 }
 
+/// A length (Q32) times a path position (Q60), rounded down.
+#[inline(never)]
+fn along(length: i64, position: i64) -> i64 {
+    ((i128::from(length) * i128::from(position)) >> 60) as i64
+}
+
 /// Steps (Q44) of motor `i` by the product of two angles (nrad^2 in Q40): the lever for linear motors, the
 /// second-order term for rotary ones; a quarter added.
+#[inline(never)]
 fn law_crossed(capability: &Capability, i: usize, nrad2_q40: u128) -> u64 {
     let law = &capability.law;
-    let nano = nrad2_q40 / 1_000_000_000;
+    let nano = wide::div(nrad2_q40, 1_000_000_000);
     let units = if i < 3 {
-        nano * u128::from(law.lever_nm()) / 1_000_000_000
+        wide::div(nano * u128::from(law.lever_nm()), 1_000_000_000)
     } else {
         (nano * u128::from(law.second_order_bound())) >> 32
     };
-    let steps = ((units + 1) << 36) / u128::from(law.step_q32(i).max(1)) * 5 / 4 + 1;
+    let steps = wide::div((units + 1) << 36, u128::from(law.step_q32(i).max(1))) * 5 / 4 + 1;
     u64::try_from(steps).unwrap_or(u64::MAX >> 2)
 }
 

@@ -102,6 +102,7 @@ impl Session {
     }
 
     /// Takes bytes of the link; says how many. The others are to be offered again, first.
+    #[inline(never)]
     pub fn receive(&mut self, bytes: &[u8]) -> usize {
         let watched = self.ahead;
         let (mut taken, mut refusing) = (0, false);
@@ -214,6 +215,7 @@ impl Session {
     }
 
     /// One unit, or the end of the message.
+    #[inline(never)]
     fn step(&mut self, instrument: &mut impl Instrument) -> Step {
         if !self.out.ready() {
             return Step::Blocked;

@@ -130,7 +130,7 @@ pub enum Form {
     Both,
 }
 
-/// A command.
+/// A command. What the manual says of it is not in the firmware: nobody reads it there, and there is no room for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// Which.
@@ -144,14 +144,19 @@ pub struct Entry {
     /// Parameters of the query.
     pub query_params: &'static [Param],
     /// Range for the manual.
+    #[cfg(not(target_os = "none"))]
     pub range: &'static str,
     /// Default for the manual.
+    #[cfg(not(target_os = "none"))]
     pub default: &'static str,
-    /// Errors that it raises beside those of syntax.
+    /// Errors that it raises beside those of syntax, for the manual.
+    #[cfg(not(target_os = "none"))]
     pub errors: &'static [ErrorNumber],
-    /// One line.
+    /// One line, for the manual.
+    #[cfg(not(target_os = "none"))]
     pub help: &'static str,
-    /// A line that works.
+    /// A line that works, for the manual.
+    #[cfg(not(target_os = "none"))]
     pub example: &'static str,
 }
 
@@ -207,7 +212,12 @@ pub fn help_length() -> usize {
 /// # Errors
 /// -113 unknown, or not in this form; -114 an axis that does not exist.
 pub fn find(nodes: &[&[u8]], query: bool) -> Result<(&'static Entry, Option<u8>), ErrorNumber> {
-    for entry in TABLE.iter().filter(|entry| entry.has(query)) {
+    let first = nodes.first().and_then(|node| node.first()).map_or(0, u8::to_ascii_uppercase);
+    // a header that must begin with another letter: most of them, and a look at it costs little
+    let begins = |entry: &&Entry| {
+        matches!(entry.pattern.as_bytes(), [b'[', ..]) || entry.pattern.as_bytes().first() == Some(&first)
+    };
+    for entry in TABLE.iter().filter(|entry| entry.has(query)).filter(begins) {
         if let Some(suffix) = match_nodes(entry.pattern.as_bytes(), nodes) {
             return match suffix {
                 None => Ok((entry, None)),

@@ -50,6 +50,7 @@ const STORAGE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, StorageFault, Moving];
 const RECALL_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, StorageFault, Moving];
 const RANGE: &[ErrorNumber] = &[DataOutOfRange];
 
+#[cfg_attr(target_os = "none", expect(unused_variables))]
 const fn entry(command: C, pattern: &'static str, form: Form, params: &'static [Param], help: &'static str) -> Entry {
     Entry {
         command,
@@ -57,10 +58,15 @@ const fn entry(command: C, pattern: &'static str, form: Form, params: &'static [
         form,
         params,
         query_params: NONE,
+        #[cfg(not(target_os = "none"))]
         range: "",
+        #[cfg(not(target_os = "none"))]
         default: "",
+        #[cfg(not(target_os = "none"))]
         errors: &[],
+        #[cfg(not(target_os = "none"))]
         help,
+        #[cfg(not(target_os = "none"))]
         example: pattern,
     }
 }
@@ -83,6 +89,8 @@ const fn setting(command: C, pattern: &'static str, params: &'static [Param], he
     Entry { query_params: EXTREME, ..entry(command, pattern, Form::Both, params, help).errors(RANGE) }
 }
 
+/// What the manual says.
+#[cfg(not(target_os = "none"))]
 impl Entry {
     const fn range(self, range: &'static str, default: &'static str) -> Self {
         Entry { range, default, ..self }
@@ -94,6 +102,21 @@ impl Entry {
 
     const fn example(self, example: &'static str) -> Self {
         Entry { example, ..self }
+    }
+}
+
+#[cfg(target_os = "none")]
+impl Entry {
+    const fn range(self, _: &'static str, _: &'static str) -> Self {
+        self
+    }
+
+    const fn errors(self, _: &'static [ErrorNumber]) -> Self {
+        self
+    }
+
+    const fn example(self, _: &'static str) -> Self {
+        self
     }
 }
 

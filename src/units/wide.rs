@@ -1,0 +1,371 @@
+//! 128-bit integers on a 32-bit processor: quotients, checked products and roots, exact.
+//!
+//! # Design
+//! A compiler for a Cortex-M4 expands every division of 128 bits in place, bit by bit: near 1 KB of code and 3,000
+//! instructions each. Here each operation exists once, in digits of 32 bits, for about 100 to 200 instructions
+//! (Knuth, The Art of Computer Programming 2, 4.3.1, algorithm D, whose half digits the processor's own division finds).
+//! Nothing here panics: a division by zero saturates.
+
+/// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set: two half digits by the
+/// processor's division.
+#[inline(always)]
+fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
+    let (upper, lower) = (by >> 16, by & 0xffff);
+    let half = |rest: u32, next: u32| -> (u32, u32) {
+        let mut quotient = rest.checked_div(upper).unwrap_or(0).min(0xffff);
+        let above = rest.wrapping_sub(quotient.wrapping_mul(upper));
+        let mut rest = above.wrapping_shl(16) | next;
+        let mut product = quotient.wrapping_mul(lower);
+        // at most twice too large: while the part above a digit is empty, the rest says so by being smaller
+        let mut above = above >> 16;
+        while above == 0 && rest < product {
+            quotient -= 1;
+            product -= lower;
+            let (sum, carry) = rest.overflowing_add(upper << 16);
+            (rest, above) = (sum, u32::from(carry));
+        }
+        (quotient, rest.wrapping_sub(product))
+    };
+    let (first, rest) = half(high, low >> 16);
+    let (second, rest) = half(rest, low & 0xffff);
+    (first << 16 | second, rest)
+}
+
+/// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set.
+#[inline(never)]
+fn four_by_two(high: u64, low: u64, by: u64) -> (u64, u64) {
+    let (upper, lower) = ((by >> 32) as u32, by as u32);
+    let digit = |rest: u64, next: u32| -> (u32, u64) {
+        let top = (rest >> 32) as u32;
+        let (mut quotient, above) = if top >= upper {
+            (u32::MAX, rest - u64::from(u32::MAX) * u64::from(upper))
+        } else {
+            let (quotient, above) = two_by_one(top, rest as u32, upper);
+            (quotient, u64::from(above))
+        };
+        let mut rest = above << 32 | u64::from(next);
+        let mut product = u64::from(quotient) * u64::from(lower);
+        let mut above = above >> 32;
+        while above == 0 && rest < product {
+            quotient -= 1;
+            product -= u64::from(lower);
+            let (sum, carry) = rest.overflowing_add(u64::from(upper) << 32);
+            (rest, above) = (sum, u64::from(carry));
+        }
+        (quotient, rest.wrapping_sub(product))
+    };
+    let (first, rest) = digit(high, (low >> 32) as u32);
+    let (second, rest) = digit(rest, low as u32);
+    (u64::from(first) << 32 | u64::from(second), rest)
+}
+
+/// Quotient, rounded down, and remainder. By zero: the largest number, and the dividend.
+#[inline(never)]
+pub fn div_rem(dividend: u128, divisor: u128) -> (u128, u128) {
+    if dividend < divisor {
+        return (0, dividend);
+    }
+    let ((high, low), (upper, lower)) = (halves(dividend), halves(divisor));
+    if upper == 0 {
+        if lower == 0 {
+            return (u128::MAX, dividend);
+        }
+        // both to the left, until the divisor's top bit is set
+        let up = lower.leading_zeros();
+        let by = lower << up;
+        let middle = high << up | (low >> 1) >> (63 - up);
+        let (first, rest) = if high < lower { (0, middle) } else { four_by_two((high >> 1) >> (63 - up), middle, by) };
+        let (second, rest) = four_by_two(rest, low << up, by);
+        return (u128::from(first) << 64 | u128::from(second), u128::from(rest >> up));
+    }
+    // the quotient by the divisor's first 64 bits is right or one too large (Warren, Hacker's Delight, 9-5)
+    let up = upper.leading_zeros();
+    let (estimate, _) = four_by_two(high >> 1, high << 63 | low >> 1, upper << up | (lower >> 1) >> (63 - up));
+    let mut quotient = (estimate >> (63 - up)).saturating_sub(1);
+    let product = u128::from(quotient) * u128::from(lower);
+    let mut rest = dividend.wrapping_sub(product).wrapping_sub(u128::from(quotient.wrapping_mul(upper)) << 64);
+    if rest >= divisor {
+        rest -= divisor;
+        quotient += 1;
+    }
+    (u128::from(quotient), rest)
+}
+
+#[inline(always)]
+fn halves(x: u128) -> (u64, u64) {
+    ((x >> 64) as u64, x as u64)
+}
+
+/// Quotient, rounded down.
+pub fn div(dividend: u128, divisor: u128) -> u128 {
+    div_rem(dividend, divisor).0
+}
+
+/// Quotient, rounded up.
+#[inline(never)]
+pub fn div_up(dividend: u128, divisor: u128) -> u128 {
+    let (quotient, remainder) = div_rem(dividend, divisor);
+    quotient.saturating_add(u128::from(remainder != 0))
+}
+
+/// Signed quotient, rounded towards zero, and the remainder, which has the sign of the dividend.
+#[inline(never)]
+pub fn signed_div_rem(dividend: i128, divisor: i128) -> (i128, i128) {
+    let (quotient, remainder) = div_rem(dividend.unsigned_abs(), divisor.unsigned_abs());
+    let turn = |x: u128, negative: bool| if negative { (x as i128).wrapping_neg() } else { x as i128 };
+    (turn(quotient, (dividend < 0) != (divisor < 0)), turn(remainder, dividend < 0))
+}
+
+/// Signed quotient, rounded towards zero.
+#[inline(never)]
+pub fn signed_div(dividend: i128, divisor: i128) -> i128 {
+    signed_div_rem(dividend, divisor).0
+}
+
+/// Signed quotient, rounded upwards; the divisor is positive.
+#[inline(never)]
+pub fn signed_div_up(dividend: i128, divisor: i128) -> i128 {
+    let (quotient, remainder) = signed_div_rem(dividend, divisor);
+    if remainder > 0 { quotient + 1 } else { quotient }
+}
+
+/// `floor(value * 2^up / divisor)` for `up <= 64`; the largest number where that is more.
+#[inline(never)]
+pub fn shifted_div(value: u64, up: u32, divisor: u64) -> u64 {
+    narrow(div(u128::from(value) << up.min(64), u128::from(divisor)))
+}
+
+/// `floor(a * b / 2^down)` for `down < 128`; the largest number where that is more.
+#[inline(never)]
+pub fn mul_shift(a: u64, b: u64, down: u32) -> u64 {
+    narrow((u128::from(a) * u128::from(b)) >> (down & 127))
+}
+
+/// As 64 bits; the largest number where it is more.
+#[inline(always)]
+pub fn narrow(x: u128) -> u64 {
+    if (x >> 64) as u64 == 0 { x as u64 } else { u64::MAX }
+}
+
+/// The number nearest to `x` that is not below `least` nor above `most`: [`Ord::clamp`] without its panic, which would
+/// bring the decimal text of 128 bits into the firmware.
+pub fn within(x: i128, least: i128, most: i128) -> i128 {
+    if x < least {
+        least
+    } else if x > most {
+        most
+    } else {
+        x
+    }
+}
+
+/// Product with a small number; none beyond 128 bits.
+#[inline(never)]
+pub fn times(x: i128, n: u32) -> Option<i128> {
+    let size = x.unsigned_abs();
+    let low = u128::from(size as u64) * u128::from(n);
+    let high = u128::from((size >> 64) as u64) * u128::from(n) + (low >> 64);
+    let product = high << 64 | u128::from(low as u64);
+    let signed = if x < 0 { (product as i128).wrapping_neg() } else { product as i128 };
+    // beyond 127 bits the sign is lost, but for the lowest number itself
+    let fits = high >> 64 == 0 && (signed == 0 || (signed < 0) == (x < 0));
+    fits.then_some(signed)
+}
+
+/// Product; none beyond 128 bits.
+#[inline(never)]
+pub fn product(a: u128, b: u128) -> Option<u128> {
+    a.checked_mul(b)
+}
+
+/// Signed product; none beyond 128 bits.
+#[inline(never)]
+pub fn signed_product(a: i128, b: i128) -> Option<i128> {
+    a.checked_mul(b)
+}
+
+/// The largest `r` with `r * r <= x`.
+#[inline(never)]
+pub fn isqrt(x: u128) -> u64 {
+    // Zimmermann's Karatsuba square root, in two halves of 64 bits: the top bits of `x` at the top, by an even shift.
+    let up = x.leading_zeros() & !1;
+    if up == 128 {
+        return 0;
+    }
+    let x = x << up;
+    let (high, low) = ((x >> 64) as u64, x as u64);
+    let upper = u64::from(isqrt_64(high));
+    let rest = high - upper * upper;
+    let (quotient, rest) = div_rem(u128::from(rest) << 32 | u128::from(low >> 32), u128::from(2 * upper));
+    let root = (u128::from(upper) << 32) + quotient;
+    let too_large = (rest << 32 | u128::from(low & 0xffff_ffff)) < quotient * quotient;
+    let root = (root - u128::from(too_large)).min(u128::from(u64::MAX)) as u64;
+    root >> (up / 2)
+}
+
+/// The largest `r` with `r * r <= x`; the top two bits of `x` are not both zero.
+#[inline(always)]
+fn isqrt_64(x: u64) -> u32 {
+    // the same once more: half of the digits one by one, in 32 bits
+    let (high, low) = ((x >> 32) as u32, x as u32);
+    let (mut upper, mut rest) = (0u32, high);
+    let mut bit = 1u32 << 30;
+    while bit != 0 {
+        let trial = upper + bit;
+        upper >>= 1;
+        if rest >= trial {
+            rest -= trial;
+            upper += bit;
+        }
+        bit >>= 2;
+    }
+    let dividend = u64::from(rest) << 16 | u64::from(low >> 16);
+    let (quotient, rest) = (dividend / u64::from(2 * upper).max(1), dividend % u64::from(2 * upper).max(1));
+    let root = (u64::from(upper) << 16) + quotient;
+    let too_large = (rest << 16 | u64::from(low & 0xffff)) < quotient * quotient;
+    (root - u64::from(too_large)).min(u64::from(u32::MAX)) as u32
+}
+
+/// The largest `r` with `r * r * r <= x`.
+#[inline(never)]
+pub fn cube_root(x: u128) -> u64 {
+    // half of the digits one by one, the others by a step of Newton's, which is too large by a few at most
+    let up = x.leading_zeros() / 3 * 3;
+    if x == 0 {
+        return 0;
+    }
+    let x = x << up;
+    let upper = cube_root_64((x >> 66) as u64) << 22;
+    let square = u128::from(upper) * u128::from(upper);
+    let rest = x - square * u128::from(upper);
+    let mut root = (upper + div(rest, 3 * square) as u64).min(LARGEST_CUBE_ROOT);
+    while u128::from(root) * u128::from(root) * u128::from(root) > x {
+        root -= 1;
+    }
+    root >> (up / 3)
+}
+
+/// The largest number whose cube has 128 bits.
+const LARGEST_CUBE_ROOT: u64 = 6_981_463_658_331;
+
+/// The largest `r` with `r * r * r <= x`, for `2^56 <= x < 2^63`.
+#[inline(always)]
+fn cube_root_64(x: u64) -> u64 {
+    // the same once more: half of the digits one by one, in 32 bits
+    let (mut upper, mut rest) = (0u32, (x >> 33) as u32);
+    for shift in (0..30).step_by(3).rev() {
+        upper *= 2;
+        let more = 3 * upper * (upper + 1) + 1;
+        if rest >> shift >= more {
+            rest -= more << shift;
+            upper += 1;
+        }
+    }
+    let upper = u64::from(upper) << 11;
+    let square = upper * upper;
+    let mut root = upper + (x - square * upper) / (3 * square).max(1);
+    while root * root * root > x {
+        root -= 1;
+    }
+    root
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Random(u64);
+
+    impl Random {
+        fn bits(&mut self) -> u64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
+        }
+
+        /// Any length, and often digits of all ones or zeros, where carries run far.
+        fn wide(&mut self) -> u128 {
+            let mut x = 0;
+            for _ in 0..4 {
+                let digit = match self.bits() >> 61 {
+                    0 => 0,
+                    1 => u32::MAX,
+                    2 => 1 << 31,
+                    3 => 1,
+                    _ => (self.bits() >> 32) as u32,
+                };
+                x = x << 32 | u128::from(digit);
+            }
+            x >> (self.bits() >> 57)
+        }
+    }
+
+    #[test]
+    fn quotients_and_remainders_are_those_of_the_compiler() {
+        let mut random = Random(1);
+        for _ in 0..2_000_000 {
+            let (n, d) = (random.wide(), random.wide());
+            if d == 0 {
+                assert_eq!(div_rem(n, d), (u128::MAX, n));
+                continue;
+            }
+            assert_eq!(div_rem(n, d), (n / d, n % d), "{n:#x} / {d:#x}");
+            assert_eq!(div_up(n, d), n.div_ceil(d));
+            let (n, d) = (n as i128, d as i128);
+            if d != -1 {
+                assert_eq!(signed_div_rem(n, d), (n / d, n % d), "{n} / {d}");
+                assert_eq!(signed_div(n, d), n / d);
+            }
+            if d > 0 {
+                assert_eq!(signed_div_up(n, d), n / d + i128::from(n % d > 0));
+            }
+        }
+    }
+
+    #[test]
+    fn products_are_those_of_the_compiler_or_none() {
+        let mut random = Random(2);
+        let mut none = 0;
+        for _ in 0..1_000_000 {
+            let (x, n) = (random.wide() as i128, random.wide() as u32);
+            assert_eq!(times(x, n), x.checked_mul(i128::from(n)), "{x} * {n}");
+            none += u32::from(times(x, n).is_none());
+            let (a, b, k) = (random.wide() as u64, random.wide() as u64, (random.bits() >> 57) as u32);
+            assert_eq!(mul_shift(a, b, k), u64::try_from((u128::from(a) * u128::from(b)) >> k).unwrap_or(u64::MAX));
+            let k = k % 65;
+            let whole = (u128::from(a) << k).checked_div(u128::from(b)).unwrap_or(u128::MAX);
+            assert_eq!(shifted_div(a, k, b), u64::try_from(whole).unwrap_or(u64::MAX));
+        }
+        assert!(none > 10_000);
+        assert_eq!(times(i128::MIN / 2, 2), Some(i128::MIN));
+        assert_eq!(times(i128::MIN, 2), None);
+    }
+
+    #[test]
+    fn roots_are_those_of_the_compiler() {
+        let mut random = Random(3);
+        for _ in 0..1_000_000 {
+            let x = random.wide();
+            assert_eq!(u128::from(isqrt(x)), x.isqrt(), "{x:#x}");
+            let square = u128::from(x as u64) * u128::from(x as u64);
+            assert_eq!(isqrt(square), x as u64);
+            assert_eq!(u128::from(isqrt(square.wrapping_sub(1))), square.wrapping_sub(1).isqrt());
+        }
+    }
+
+    #[test]
+    fn cube_roots_are_the_largest_numbers_whose_cubes_fit() {
+        let mut random = Random(4);
+        let cube = |r: u64| u128::from(r).saturating_mul(u128::from(r) * u128::from(r));
+        for _ in 0..1_000_000 {
+            let x = random.wide();
+            let near = (random.bits() % (LARGEST_CUBE_ROOT + 1)) >> (random.bits() >> 58);
+            for x in [x, cube(near), cube(near).saturating_sub(1)] {
+                let root = cube_root(x);
+                assert!(cube(root) <= x && (root == LARGEST_CUBE_ROOT || cube(root + 1) > x), "{x:#x}");
+            }
+        }
+        assert_eq!(cube_root(u128::MAX), LARGEST_CUBE_ROOT);
+    }
+}
