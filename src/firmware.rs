@@ -77,12 +77,12 @@ async fn main(spawner: Spawner) {
 
 #[inline(never)]
 fn new_front() -> &'static mut Front {
-    FRONT.init_with(Front::new)
+    Front::new_in(FRONT.uninit())
 }
 
 #[inline(never)]
 fn new_links() -> &'static mut Links<PORTS> {
-    LINKS.init_with(Links::new)
+    LINKS.uninit().write(Links::new())
 }
 
 #[inline(never)]

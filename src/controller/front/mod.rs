@@ -145,6 +145,13 @@ impl Front {
         front
     }
 
+    /// The same in its place: a front is too large to be moved about on the stack of a board.
+    pub fn new_in(place: &mut core::mem::MaybeUninit<Self>) -> &mut Self {
+        let front = place.write(Self::without_limits());
+        front.refresh();
+        front
+    }
+
     /// Not inlined: a front is large, and built in place it is on the stack once.
     #[inline(never)]
     fn without_limits() -> Self {
