@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from lab import (ENABLE, FAULT, NO_ERROR, SEGMENT, STOP, UPPER, Switch, ask, boot, counts, enable_all, errors, figure,
+from lab import (ENABLE, FAULT, LOWER, NO_ERROR, SEGMENT, STOP, UPPER, Switch, ask, boot, counts, enable_all, errors, figure,
                  power_up, start_moving)
 
 # The longest way from a contact to the last word (tests measure it, host-sim and homing rely on it), us.
@@ -72,6 +72,37 @@ def test_a_limit_switch_stops_all_motors_within_twenty_microseconds_whatever_the
     assert sections >= 6, "some of the edges came in critical sections"
     figure(f"limit switch to the last word: {worst} us at most, to the last STEP edge {edge} us, {len(MOMENTS)} moments; "
            f"longest critical section {max(board.longest_masked())[0]:.1f} us")
+    assert worst <= LIMIT_US
+
+
+def test_each_of_the_twelve_switches_stops_its_own_motor_on_its_own_way_and_is_told_by_name(board):
+    for n in range(1, 7):
+        board.serial.write(f"AXIS{n}:LIM:HARD:POL HIGH;STAT ON\n")
+    assert errors(board) == []
+    worst = slowest = 0
+    for n in range(6):
+        for side, sign, pin, behind in (("lower", -1, LOWER[n], UPPER[n]), ("upper", 1, UPPER[n], LOWER[n])):
+            follower = start_moving(board, f"AXIS{n + 1}:MOVE:JOG {sign * (1000 if n < 3 else 1)}", steps=20)
+            before = board.played()
+            board.pin(*behind, 1)
+            board.run(400)
+            assert board.played() - before == 400, "a switch that is left behind stops nothing"
+            before = board.played()
+            board.pin(*pin, 1)
+            board.run(1500)
+            words = stopped_stream(board, before)
+            edges = [index - before for index, motor, _ in board.words.steps(before, before + words) if motor == n]
+            worst, slowest = max([worst, *edges]), max(slowest, words)
+            text = ask(board, "SYST:ERR?")
+            assert text.startswith("102,") and f"AXIS{n + 1} {side} limit switch" in text and errors(board) == []
+            assert ask(board, f"AXIS{n + 1}:LIM:HARD?") == "1,1"
+            assert sign * follower.look()[n] > 0
+            board.pin(*pin, 0)
+            board.pin(*behind, 0)
+            board.run(1000)
+    # a motor without a step in the words that wait is not on its way: its next step is what stops all
+    figure(f"twelve limit switches: last STEP edge of the motor after {worst} us at most; to the last word {slowest} us, when "
+           f"the motor's next step was farther away than the ring reaches")
     assert worst <= LIMIT_US
 
 
