@@ -49,6 +49,8 @@ impl<'a, const N: usize> Controller<'a, N> {
                 progress |= self.take_bytes(n, *port, now_ms);
             }
             progress |= self.links.poll(self.front, now_ms);
+            // a check may have taken several segments: what is planned begins behind what has been made meanwhile
+            self.take_reports(hal);
             self.give_orders(hal);
             for (n, port) in ports.iter_mut().enumerate() {
                 progress |= self.give_answers(n, *port);

@@ -81,7 +81,8 @@ impl<const N: usize> Links<N> {
         self.links.get(n).is_none_or(|link| !link.session.has_output())
     }
 
-    /// Executes what can be executed on every link, and ends jogs without traffic. True when something was executed.
+    /// Executes what can be executed on every link, and ends jogs without traffic. True when something was executed:
+    /// [`Front::plan`] is then due, with the latest report.
     pub fn poll(&mut self, front: &mut Front, now_ms: u64) -> bool {
         while let Some(error) = front.take_late_error() {
             self.report(error);
@@ -101,9 +102,6 @@ impl<const N: usize> Links<N> {
                 link.session.timeout();
             }
             progress |= link.session.poll(front);
-        }
-        if progress {
-            front.plan();
         }
         progress
     }

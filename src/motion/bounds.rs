@@ -17,6 +17,8 @@ pub const PATH_ONE: i64 = 1 << 60;
 
 /// Samples of the law along a path that turns.
 const SAMPLES: i64 = 8;
+/// Stretches between the samples, at most.
+pub const MOST_STRETCHES: usize = SAMPLES as usize;
 
 /// A path: where it begins, one path unit of it, and the stretch of path positions to look at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +40,7 @@ pub struct Bounds {
     pub slope: [u64; AXES],
     /// Ways of the motors over each stretch of a path that turns, from its beginning to its end, Q32 steps; none where
     /// it is straight, or where others turn meanwhile.
-    pub ways: heapless::Vec<[u64; AXES], { SAMPLES as usize }>,
+    pub ways: heapless::Vec<[u64; AXES], MOST_STRETCHES>,
     /// Length of a stretch, Q60.
     stretch: i64,
     /// Rounding of the law, Q32 steps.

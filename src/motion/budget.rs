@@ -3,7 +3,7 @@
 //! Every running track holds a share of every motor; a new one gets what is left and is never given more.
 //! A fixed part of each motor's limits is kept for taking up play.
 
-use super::bounds::{Bounds, PATH_ONE};
+use super::bounds::{Bounds, MOST_STRETCHES, PATH_ONE};
 use super::ramp::Limits;
 use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND, wide};
 
@@ -167,9 +167,7 @@ impl Grant {
     ) -> Self {
         const ONE: i64 = 1 << 60;
         let (mut velocity, mut square, mut cube) = (ONE, ONE, ONE);
-        let near_rest = slow_near_rest(bounds, available);
         for i in 0..AXES {
-            velocity = velocity.min(near_rest[i]);
             velocity = least_rate(velocity, wanted[i].velocity, ways[i]);
             // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
             square = least(square, u128::from(available[i].acceleration) << 30, bounds.curvature[i].into()); // Q60 / 4
@@ -181,6 +179,7 @@ impl Grant {
         if cube < ONE {
             velocity = velocity.min((wide::cube_root(u128::from(cube.unsigned_abs()) << 60) << 20) as i64);
         }
+        let velocity = not_too_steep(velocity, bounds, available);
         let velocity = velocity.max(1);
         let square = product_q60(velocity, velocity);
         let cube = product_q60(velocity, square);
@@ -246,29 +245,43 @@ impl Grant {
     }
 }
 
-/// The highest path velocity of each motor. A path from rest to rest whose acceleration stays below a goes at most at
-/// sqrt(2 a d) where the nearer of its ends is d away: stretches that are steep, but too near to an end to be reached
-/// at full speed, do not slow it down.
-fn slow_near_rest(bounds: &Bounds, available: &[Rates; AXES]) -> [i64; AXES] {
-    const ONE: i64 = 1 << 60;
-    let count = bounds.ways.len();
-    if !bounds.rests || count == 0 {
-        return core::array::from_fn(|i| least_rate(ONE, available[i].velocity, bounds.slope[i]));
-    }
-    // never less than the acceleration that will be granted
-    let most = (0..AXES).fold(ONE, |most, i| least_rate(most, available[i].acceleration, bounds.slope[i]));
-    let mut highest = [ONE; AXES];
-    for (k, ways) in bounds.ways.iter().enumerate() {
-        let distance = ((k + 1).min(count - k) as u128 * PATH_ONE as u128) / count as u128 + count as u128;
-        let reached = wide::isqrt(2 * u128::from(most.unsigned_abs()) * distance).min(ONE as u64) as i64;
-        for i in 0..AXES {
+/// The smaller of `most` and of the path velocity (Q60) at which no motor is too fast. A path from rest to rest whose
+/// acceleration stays below a goes at most at sqrt(2 a d) where the nearer of its ends is d away: stretches that are
+/// steep, but too near to an end to be reached at full speed, do not slow it down.
+fn not_too_steep(most: i64, bounds: &Bounds, available: &[Rates; AXES]) -> i64 {
+    let near_rest = bounds.rests && !bounds.ways.is_empty();
+    let mut velocity = most;
+    let mut reached = None;
+    for i in 0..AXES {
+        let anywhere = least_rate(velocity, available[i].velocity, bounds.slope[i]);
+        if anywhere == velocity || !near_rest {
+            velocity = anywhere;
+            continue;
+        }
+        let reached = reached.get_or_insert_with(|| velocities_reached(bounds, available));
+        for (ways, reached) in bounds.ways.iter().zip(reached.iter()) {
             let slope = bounds.slope_within(ways, i);
-            if times(slope, reached) > available[i].velocity {
-                highest[i] = least_rate(highest[i], available[i].velocity, slope);
+            if times(slope, *reached) > available[i].velocity {
+                velocity = least_rate(velocity, available[i].velocity, slope);
             }
         }
     }
-    highest
+    velocity
+}
+
+/// The highest path velocity (Q60) in each stretch of a path from rest to rest.
+#[inline(never)]
+fn velocities_reached(bounds: &Bounds, available: &[Rates; AXES]) -> [i64; MOST_STRETCHES] {
+    const ONE: i64 = 1 << 60;
+    let count = bounds.ways.len();
+    // never less than the acceleration that will be granted
+    let most = (0..AXES).fold(ONE, |most, i| least_rate(most, available[i].acceleration, bounds.slope[i]));
+    let mut reached = [ONE; MOST_STRETCHES];
+    for (k, reached) in reached.iter_mut().enumerate().take(count) {
+        let distance = ((k + 1).min(count - k) as u64 * (PATH_ONE as u64 / count as u64)) + 2 * count as u64;
+        *reached = wide::isqrt(2 * u128::from(most.unsigned_abs()) * u128::from(distance)).min(ONE as u64) as i64;
+    }
+    reached
 }
 
 /// nrad per path unit times a path rate in Q60: nrad in Q20, rounded up.

@@ -146,14 +146,14 @@ impl Front {
     }
 
     /// The same in its place: a front is too large to be moved about on the stack of a board.
+    #[inline(never)]
     pub fn new_in(place: &mut core::mem::MaybeUninit<Self>) -> &mut Self {
         let front = place.write(Self::without_limits());
         front.refresh();
         front
     }
 
-    /// Not inlined: a front is large, and built in place it is on the stack once.
-    #[inline(never)]
+    #[inline(always)] // so that it is on the stack once
     fn without_limits() -> Self {
         let settings = Settings::defaults(None);
         let motors = settings::motors(None, Some(&settings));

@@ -109,7 +109,7 @@ impl Planner {
     pub fn at_rest(pose: Pose) -> Self {
         Planner {
             base: pose.fine(),
-            slots: [Slot::default(); SLOTS],
+            slots: core::array::from_fn(|_| Slot::default()),
             desires: [Desire::None; AXES],
             goal: None,
             then_goal: None,
