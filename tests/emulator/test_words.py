@@ -98,8 +98,12 @@ class Candidates:
     NEVER = 2000
 
     def __init__(self, host_sim, path, first, then):
-        self.play = lambda at: moves(reference_words(
-            host_sim, "paper", "\n".join(HOMED + [first, f"@{at * SEGMENT_MS}", then + ";*OPC?", f"@{PAUSE_MS}"]), path)[0], PAUSE_SEGMENTS)[0]
+        def play(at):
+            lines = HOMED + [first, f"@{at * SEGMENT_MS}", then + ";*OPC?", f"@{PAUSE_MS}"]
+            found = moves(reference_words(host_sim, "paper", "\n".join(lines), path)[0], PAUSE_SEGMENTS)
+            # stopped before the first step
+            return found[0] if found else []
+        self.play = play
 
     def nearest(self, ours):
         """The segment whose words are the same for longest, those words, and where the order shows first."""
