@@ -5,7 +5,7 @@
 
 use super::critical::{REFILL, STOPS, WAKE};
 use super::mailbox::Mailbox;
-use super::pins::{LOWER, Port, UPPER};
+use super::pins::{LOWER, Port, STOP, UPPER};
 use super::step_dma::{self, StepDma};
 use super::{gpio, supervision};
 use core::cell::UnsafeCell;
@@ -112,7 +112,7 @@ pub fn start(generator: Generator) -> Border {
         (Interrupt::TIM2, REFILL),
         (Interrupt::DMA2_STREAM1, STOPS),
         (Interrupt::DMA2_STREAM2, STOPS),
-        (Interrupt::TIM8_TRG_COM_TIM14, STOPS),
+        (Interrupt::EXTI0, STOPS),
         (Interrupt::EXTI1, STOPS),
         (Interrupt::EXTI2, STOPS),
         (Interrupt::EXTI3, STOPS),
@@ -130,10 +130,10 @@ pub fn start(generator: Generator) -> Border {
     Border { orders: orders_in, seen: 0 }
 }
 
-/// Both edges of every limit switch.
+/// Both edges of every limit switch, and the opening of the emergency stop's contact.
 fn watch_switches() {
     pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
-    for pin in LOWER.into_iter().chain(UPPER) {
+    for pin in LOWER.into_iter().chain(UPPER).chain([STOP]) {
         let line = usize::from(pin.1);
         let port = match pin.0 {
             Port::A => 0,
@@ -144,9 +144,9 @@ fn watch_switches() {
         pac::SYSCFG.exticr(line / 4).modify(|w| w.set_exti(line % 4, port));
     }
     pac::EXTI.rtsr(0).modify(|w| w.0 |= SWITCH_LINES);
-    pac::EXTI.ftsr(0).modify(|w| w.0 |= SWITCH_LINES);
-    pac::EXTI.pr(0).write(|w| w.0 = SWITCH_LINES);
-    pac::EXTI.imr(0).modify(|w| w.0 |= SWITCH_LINES);
+    pac::EXTI.ftsr(0).modify(|w| w.0 |= SWITCH_LINES | STOP.bit());
+    pac::EXTI.pr(0).write(|w| w.0 = SWITCH_LINES | STOP.bit());
+    pac::EXTI.imr(0).modify(|w| w.0 |= SWITCH_LINES | STOP.bit());
 }
 
 /// What the inputs are judged by from now on.
@@ -284,10 +284,11 @@ fn EXTI15_10() {
     judge();
 }
 
-/// The gate has closed or opened: the hardware has stopped the steps already, this makes it last.
+/// The contact of the emergency stop has opened: the gate has stopped the steps already, this makes it last. By the edge,
+/// which the line remembers, and not by the timer's trigger flag, which also tells of every start (RM0090, 17.4.5).
 #[interrupt]
-fn TIM8_TRG_COM_TIM14() {
-    pac::TIM8.sr().modify(|w| w.set_tif(false));
+fn EXTI0() {
+    pac::EXTI.pr(0).write(|w| w.0 = STOP.bit());
     halt(Halt { cause: Cause::EmergencyStop, ..Halt::default() });
 }
 

@@ -108,7 +108,6 @@ impl StepDma {
         timer.dier().write(|w| {
             w.set_ude(true);
             w.set_ccde(0, true);
-            w.set_tie(true);
         });
 
         let counter = pac::TIM2;

@@ -16,7 +16,7 @@ from capstone.arm import ARM_GRP_CALL, ARM_GRP_JUMP, ARM_OP_IMM
 from elftools.elf.elffile import ELFFile
 
 HANDLERS = [
-    "TIM2", "EXTI1", "EXTI2", "EXTI3", "EXTI9_5", "EXTI15_10", "TIM8_TRG_COM_TIM14", "DMA2_STREAM1", "DMA2_STREAM2",
+    "TIM2", "EXTI1", "EXTI2", "EXTI3", "EXTI9_5", "EXTI15_10", "EXTI0", "DMA2_STREAM1", "DMA2_STREAM2",
 ]
 PANICS = re.compile(r"panic|unwrap_failed|expect_failed|slice_.*_fail|unreachable|defmt|HardFault|UsageFault")
 
