@@ -158,9 +158,9 @@ pub enum Detail {
         /// The axis or motor.
         axis: Axis,
         /// The value asked for, nm or nrad.
-        value: i64,
+        value: Named,
         /// The bound that it breaks, nm or nrad.
-        bound: i64,
+        bound: Named,
         /// The bound is the travel of the motor.
         motor: bool,
     },
@@ -169,16 +169,42 @@ pub enum Detail {
         /// The axis.
         axis: Axis,
         /// The value asked for, nm/s or nrad/s.
-        value: i64,
+        value: Named,
         /// The bound that it breaks, nm/s or nrad/s.
-        bound: i64,
+        bound: Named,
     },
 }
 
-/// Up to 24 bytes of a message, for an error text.
+/// A number in an error text: 48 bits, so that errors stay small. A larger one is named as the largest, 140 km.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Named([u16; 3]);
+
+impl Named {
+    /// Most that can be named.
+    const MOST: i64 = (1 << 47) - 1;
+
+    /// The number; nm, nrad, or per second.
+    pub const fn get(self) -> i64 {
+        let [low, middle, high] = self.0;
+        low as i64 | (middle as i64) << 16 | (high as i16 as i64) << 32
+    }
+}
+
+impl From<i64> for Named {
+    #[inline(never)]
+    fn from(value: i64) -> Self {
+        let value = value.clamp(-Self::MOST, Self::MOST);
+        Named([value as u16, (value >> 16) as u16, (value >> 32) as u16])
+    }
+}
+
+/// Bytes of a [`Token`].
+const TOKEN: usize = 14;
+
+/// The first 14 bytes of a part of a message, for an error text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Token {
-    bytes: [u8; 24],
+    bytes: [u8; TOKEN],
     len: u8,
 }
 
@@ -186,7 +212,7 @@ impl Token {
     /// Keeps the first bytes; what is not printable ASCII becomes `?`.
     #[inline(never)]
     pub fn new(text: &[u8]) -> Self {
-        let mut bytes = [0; 24];
+        let mut bytes = [0; TOKEN];
         let mut len = 0;
         for (to, from) in bytes.iter_mut().zip(text) {
             *to = if matches!(from, b' '..=b'~' if *from != b'"') { *from } else { b'?' };
@@ -200,6 +226,9 @@ impl Token {
         core::str::from_utf8(&self.bytes[..usize::from(self.len)]).unwrap_or("?")
     }
 }
+
+// Every `?` on the way to a link moves one.
+const _: () = assert!(size_of::<usize>() != 4 || size_of::<Error>() <= 20);
 
 /// An error with what it names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -221,6 +250,26 @@ impl Error {
     #[inline(never)]
     pub const fn axis(number: ErrorNumber, axis: Axis) -> Self {
         Error { number, detail: Detail::Axis(axis) }
+    }
+
+    /// An axis, or its motor, beyond a bound, both in nm or nrad.
+    #[inline(never)]
+    pub fn limit(axis: Axis, value: i64, bound: i64, motor: bool) -> Self {
+        let (value, bound) = (value.into(), bound.into());
+        Error { number: ErrorNumber::DataOutOfRange, detail: Detail::Limit { axis, value, bound, motor } }
+    }
+
+    /// An axis beyond a velocity, both in nm/s or nrad/s.
+    #[inline(never)]
+    pub fn speed(axis: Axis, value: i64, bound: i64) -> Self {
+        let (value, bound) = (value.into(), bound.into());
+        Error { number: ErrorNumber::DataOutOfRange, detail: Detail::Speed { axis, value, bound } }
+    }
+
+    /// An error that names an axis and a fixed text.
+    #[inline(never)]
+    pub const fn axis_text(number: ErrorNumber, axis: Axis, text: &'static str) -> Self {
+        Error { number, detail: Detail::AxisText(axis, text) }
     }
 
     /// An error that names the offending part of the message.
@@ -255,7 +304,8 @@ impl fmt::Display for Detail {
             Detail::AxisText(axis, text) => write!(f, "{} {text}", AxisName(*axis)),
             Detail::Limit { axis, value, bound, motor } => {
                 let unit = axis_unit(*axis);
-                let (value_text, bound_text) = (Formatted { value: *value, unit }, Formatted { value: *bound, unit });
+                let (value, bound) = (value.get(), bound.get());
+                let (value_text, bound_text) = (Formatted { value, unit }, Formatted { value: bound, unit });
                 let motor = if *motor { " motor" } else { "" };
                 let side = if value < bound { "below" } else { "above" };
                 let symbol = unit.symbol();
@@ -263,7 +313,8 @@ impl fmt::Display for Detail {
             }
             Detail::Speed { axis, value, bound } => {
                 let unit = axis_unit(*axis).per_second(1);
-                let (value_text, bound_text) = (Formatted { value: *value, unit }, Formatted { value: *bound, unit });
+                let (value, bound) = (value.get(), bound.get());
+                let (value_text, bound_text) = (Formatted { value, unit }, Formatted { value: bound, unit });
                 let side = if value < bound { "below" } else { "above" };
                 let symbol = unit.symbol();
                 write!(f, "{} {value_text} {symbol} {side} {bound_text} {symbol}", AxisName(*axis))
@@ -291,18 +342,23 @@ mod tests {
 
     #[test]
     fn the_text_names_the_axis_and_the_value() {
-        let limit = |axis, value, bound, motor| Error {
-            number: ErrorNumber::DataOutOfRange,
-            detail: Detail::Limit { axis, value, bound, motor },
-        };
         assert_eq!(
-            limit(Axis::Y, 6_200_000, 5_000_000, false).to_string(),
+            Error::limit(Axis::Y, 6_200_000, 5_000_000, false).to_string(),
             "-222,\"Data out of range;AXIS2 6200.000 um above 5000.000 um\""
         );
         assert_eq!(
-            limit(Axis::Alpha, -17_453_293, -8_726_646, true).to_string(),
+            Error::limit(Axis::Alpha, -17_453_293, -8_726_646, true).to_string(),
             "-222,\"Data out of range;AXIS4 motor -1.00000003 deg below -0.49999999 deg\""
         );
+    }
+
+    #[test]
+    fn a_number_too_large_to_name_is_named_as_the_largest() {
+        for value in [0, 1, -1, 6_200_000, -17_453_293, (1 << 47) - 1, 1 - (1 << 47), -65_536, 65_535] {
+            assert_eq!(Named::from(value).get(), value);
+        }
+        assert_eq!(Named::from(i64::MAX).get(), 140_737_488_355_327);
+        assert_eq!(Named::from(i64::MIN).get(), -140_737_488_355_327);
     }
 
     #[test]

@@ -38,3 +38,4 @@ pub mod stepgen;
 pub mod store;
 pub mod tasks;
 pub mod units;
+pub mod wire;

@@ -1,6 +1,7 @@
 //! What a user can set, its ranges and its defaults.
 
 mod check;
+mod fields;
 
 use crate::compensation::backlash::{Flank, Overlay, PlayConfig};
 use crate::compensation::calibration::{Calibration, MotorData, row_bits};

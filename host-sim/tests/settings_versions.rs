@@ -53,6 +53,18 @@ fn records_of_every_version_are_still_read() {
     }
 }
 
+/// The fields are read and written by one description: what it wrote then, it writes now.
+#[test]
+fn a_record_of_this_version_is_written_as_it_was() {
+    let bytes = fs::read(golden(RECORD_VERSION, "bin")).expect("a golden file");
+    let saved = decode(&bytes).expect("a record that is read");
+    let (_, sequence) = inspect(&bytes).expect("a whole record");
+    let mut buffer = buffer();
+    let length =
+        seal(&saved.record, &saved.standstill.expect("where the motors stood"), sequence, &mut buffer).unwrap();
+    assert_eq!(&buffer[..length], &bytes[..]);
+}
+
 #[test]
 #[ignore = "writes the golden file of a new version, once"]
 fn write_the_golden_file_of_this_version() {

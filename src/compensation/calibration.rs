@@ -5,6 +5,7 @@
 
 use crate::error::{Error, ErrorNumber};
 use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT, wide};
+use crate::wire::Wire;
 use serde::{Deserialize, Serialize};
 
 /// Version of the block's payload. Raised when a field changes; older blocks are then refused with -221.
@@ -80,6 +81,61 @@ pub struct Calibration {
 }
 
 impl Calibration {
+    /// What a block is read into.
+    const BLANK: Self = {
+        let motor = MotorData {
+            step_q32: 0,
+            row_bits: 0,
+            backlash_steps: 0,
+            travel_lower: 0,
+            travel_upper: 0,
+            velocity: 0,
+            acceleration: 0,
+            jerk: 0,
+        };
+        Calibration {
+            name: [0; 16],
+            order: [Axis::X; AXES],
+            motors: [motor; AXES],
+            inverse_slides: [[0; 3]; 3],
+            rotary_gain: [0; 3],
+            tilt: [[0; 3]; 3],
+            second_order: [[0; 6]; 3],
+            screws: [ScrewAxis { axis: Axis::X, direction: [0; 3], point: [0; 3] }; 3],
+            home_rotation: [[0; 3]; 3],
+            home_origin: [0; 3],
+            fibre_point: [0; 3],
+        }
+    };
+
+    /// Reads every field: the bytes that [`Calibration::encode`] writes.
+    fn wire(&mut self, wire: &mut Wire<'_>) {
+        self.name.iter_mut().for_each(|byte| wire.byte(byte));
+        self.order.iter_mut().for_each(|axis| wire.axis(axis));
+        for motor in &mut self.motors {
+            wire.long(&mut motor.step_q32);
+            wire.byte(&mut motor.row_bits);
+            wire.word(&mut motor.backlash_steps);
+            wire.signed(&mut motor.travel_lower);
+            wire.signed(&mut motor.travel_upper);
+            wire.long(&mut motor.velocity);
+            wire.long(&mut motor.acceleration);
+            wire.long(&mut motor.jerk);
+        }
+        wire.all_signed(self.inverse_slides.as_flattened_mut());
+        wire.all_signed(&mut self.rotary_gain);
+        wire.all_signed(self.tilt.as_flattened_mut());
+        wire.all_signed(self.second_order.as_flattened_mut());
+        for screw in &mut self.screws {
+            wire.axis(&mut screw.axis);
+            wire.all_signed(&mut screw.direction);
+            wire.all_signed(&mut screw.point);
+        }
+        wire.all_signed(self.home_rotation.as_flattened_mut());
+        wire.all_signed(&mut self.home_origin);
+        wire.all_signed(&mut self.fibre_point);
+    }
+
     /// Writes the block; returns its length.
     ///
     /// # Errors
@@ -115,11 +171,10 @@ impl Calibration {
         if usize::from(u16::from_le_bytes([body[6], body[7]])) != body.len() - HEADER {
             return Err(shape("calibration block length"));
         }
-        let (calibration, rest) =
-            postcard::take_from_bytes::<Self>(&body[HEADER..]).map_err(|_| shape("calibration payload"))?;
-        if !rest.is_empty() {
-            return Err(shape("calibration payload length"));
-        }
+        let mut calibration = Calibration::BLANK;
+        let mut wire = Wire::read(&body[HEADER..]);
+        calibration.wire(&mut wire);
+        wire.end().ok_or(shape("calibration payload"))?;
         calibration.check()?;
         Ok(calibration)
     }
@@ -130,6 +185,7 @@ impl Calibration {
     }
 
     /// The values that the arithmetic relies on.
+    #[inline(never)]
     fn check(&self) -> Result<(), Error> {
         let shape = |what| Err(Error::text(ErrorNumber::SettingsConflict, what));
         let mut seen = [false; AXES];

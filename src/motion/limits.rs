@@ -2,7 +2,7 @@
 
 use super::bounds::Bounds;
 use crate::compensation::law::{Law, Remembered};
-use crate::error::{Detail, Error, ErrorNumber};
+use crate::error::{Error, ErrorNumber};
 use crate::settings::steps_to_units;
 use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT, FinePose, Pose};
 
@@ -49,10 +49,6 @@ const FARTHEST_SAMPLES: i64 = 32;
 #[derive(Clone, Copy, Debug)]
 pub struct Limits(pub [AxisLimits; AXES]);
 
-fn beyond(axis: Axis, value: i64, bound: i64, motor: bool) -> Error {
-    Error { number: ErrorNumber::DataOutOfRange, detail: Detail::Limit { axis, value, bound, motor } }
-}
-
 impl Limits {
     /// Checks one logical coordinate.
     ///
@@ -61,10 +57,10 @@ impl Limits {
     pub fn check_coordinate(&self, law: &Law, axis: Axis, value: i64) -> Result<(), Error> {
         let (lower, upper) = self.range(law, axis);
         if value < i64::from(lower) {
-            return Err(beyond(axis, value, i64::from(lower), false));
+            return Err(Error::limit(axis, value, i64::from(lower), false));
         }
         if value > i64::from(upper) {
-            return Err(beyond(axis, value, i64::from(upper), false));
+            return Err(Error::limit(axis, value, i64::from(upper), false));
         }
         Ok(())
     }
@@ -115,7 +111,7 @@ impl Limits {
                 // from beyond the travel, as after another calibration, the way back in is free
                 let stands = bounds.ends[usize::from(starts_high)][i] >> 32;
                 if let Some((at, bound)) = own.leaves(extreme, step).filter(|_| extreme != stands) {
-                    return Err(beyond(axis, at, bound, true));
+                    return Err(Error::limit(axis, at, bound, true));
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! Parameters of a unit, taken one after the other by what they should be; the error names the offending text.
 
-use crate::error::{Detail, Error, ErrorNumber};
+use crate::error::{Error, ErrorNumber};
 use crate::scpi::lexer::{Class, Framer};
 use crate::scpi::response::axis_unit;
 use crate::scpi::tree::is_keyword;
@@ -354,10 +354,7 @@ fn within_coordinates(axis: Axis, value: i64) -> Result<i32, Error> {
         Ok(small) if value.abs() <= limit => Ok(small),
         _ => {
             let bound = if value < 0 { -limit } else { limit };
-            Err(Error {
-                number: ErrorNumber::DataOutOfRange,
-                detail: Detail::Limit { axis, value, bound, motor: false },
-            })
+            Err(Error::limit(axis, value, bound, false))
         }
     }
 }

@@ -5,7 +5,7 @@ use super::{
     TAKE_UP_SHARE_MAX,
 };
 use crate::compensation::calibration::{MotorData, STEP_END, STEP_MIN};
-use crate::error::{Detail, Error, ErrorNumber};
+use crate::error::{Error, ErrorNumber};
 use crate::units::{AXES, Axis, COORDINATE_LIMIT};
 
 impl Settings {
@@ -22,8 +22,7 @@ impl Settings {
             return Err(Error::text(ErrorNumber::DataOutOfRange, "speed override, jog time-out or baud rate"));
         }
         for ((axis, own), motor) in Axis::ALL.into_iter().zip(&self.axes).zip(motors) {
-            own.check(motor)
-                .map_err(|what| Error { number: ErrorNumber::DataOutOfRange, detail: Detail::AxisText(axis, what) })?;
+            own.check(motor).map_err(|what| Error::axis_text(ErrorNumber::DataOutOfRange, axis, what))?;
         }
         Ok(())
     }

@@ -1,13 +1,14 @@
 //! The record that `*SAV` keeps.
 //!
 //! Layout: magic `SREC`, version (u16), zero (u16), sequence number (u32), CRC-32 (ISO-HDLC, of all but itself),
-//! where the motors stood (64 bytes, [`Standstill`]), payload (postcard). The first sixteen bytes are the same in every
+//! where the motors stood (64 bytes, [`Standstill`]), payload (postcard's bytes, by [`Wire`]). The first sixteen bytes are the same in every
 //! version, so that a record of another version is known as one.
 
 use super::StoreError;
 use super::standstill::{STANDSTILL_BYTES, Standstill};
 use crate::controller::front::PIVOTS;
 use crate::settings::Settings;
+use crate::wire::Wire;
 use serde::{Deserialize, Serialize};
 
 /// Version of the record. Raised when a field changes; `decode` then reads the older ones too.
@@ -36,6 +37,20 @@ pub struct Record<'a> {
     pub block: &'a [u8],
 }
 
+impl<'a> Record<'a> {
+    #[inline(never)]
+    fn wire(&mut self, wire: &mut Wire<'a>) {
+        self.settings.wire(wire);
+        for pivot in &mut self.pivots {
+            if let Some(point) = wire.some(pivot) {
+                wire.all_signed(point);
+            }
+        }
+        wire.byte(&mut self.pivot);
+        wire.bytes(&mut self.block);
+    }
+}
+
 /// What a record gives back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Saved<'a> {
@@ -56,7 +71,10 @@ pub fn seal(
     buffer: &mut Buffer,
 ) -> Result<usize, StoreError> {
     let (_, payload) = buffer.split_at_mut_checked(PAYLOAD_AT).ok_or(StoreError::TooLong)?;
-    let length = PAYLOAD_AT + postcard::to_slice(record, payload).map_err(|_| StoreError::TooLong)?.len();
+    let mut wire = Wire::write(payload);
+    let mut copy = *record;
+    copy.wire(&mut wire);
+    let length = PAYLOAD_AT + wire.end().ok_or(StoreError::TooLong)?;
     let head = MAGIC.into_iter().chain(RECORD_VERSION.to_le_bytes()).chain([0, 0]);
     buffer.iter_mut().zip(head).for_each(|(to, from)| *to = from);
     reseal(standstill, sequence, buffer.get_mut(..length).ok_or(StoreError::TooLong)?)?;
@@ -108,10 +126,10 @@ pub fn decode(bytes: &[u8]) -> Result<Saved<'_>, StoreError> {
     }
     let place = bytes.get(STANDSTILL_AT..).and_then(|rest| rest.first_chunk()).ok_or(StoreError::Contents)?;
     let payload = bytes.get(PAYLOAD_AT..).ok_or(StoreError::Contents)?;
-    let (record, rest) = postcard::take_from_bytes::<Record<'_>>(payload).map_err(|_| StoreError::Contents)?;
-    if !rest.is_empty() {
-        return Err(StoreError::Contents);
-    }
+    let mut record = Record { settings: Settings::defaults(None), pivots: [None; PIVOTS], pivot: 0, block: &[] };
+    let mut wire = Wire::read(payload);
+    record.wire(&mut wire);
+    wire.end().ok_or(StoreError::Contents)?;
     let standstill =
         Standstill::decode(place).map(|(_, standstill)| standstill).filter(|standstill| !standstill.moving);
     Ok(Saved { record, standstill })

@@ -20,7 +20,7 @@ use super::{Front, refuse};
 use crate::compensation::backlash::Flank;
 use crate::compensation::law::Law;
 use crate::controller::safety::{Cause, Halt};
-use crate::error::{Detail, Error, ErrorNumber};
+use crate::error::{Error, ErrorNumber};
 use crate::motion::planner::Desire;
 use crate::settings::{Side, units_to_steps};
 use crate::units::{Axis, COORDINATE_LIMIT, MotorSteps};
@@ -110,17 +110,15 @@ impl Front {
             return Err(Error::axis(ErrorNumber::AxisDisabled, axis));
         }
         if !own.wiring.limits_on {
-            return Err(Error {
-                number: ErrorNumber::SettingsConflict,
-                detail: Detail::AxisText(axis, "limit switches not watched; set LIM:HARD:STAT ON"),
-            });
+            return Err(Error::axis_text(
+                ErrorNumber::SettingsConflict,
+                axis,
+                "limit switches not watched; set LIM:HARD:STAT ON",
+            ));
         }
         let (lower, upper) = self.watched_switches();
         if lower & upper & 1 << i != 0 {
-            return Err(Error {
-                number: ErrorNumber::LimitSwitch,
-                detail: Detail::AxisText(axis, "both limit switches; see LIM:HARD:POL"),
-            });
+            return Err(Error::axis_text(ErrorNumber::LimitSwitch, axis, "both limit switches; see LIM:HARD:POL"));
         }
         let identity = Law::identity(&self.motors());
         self.check_standing(&identity)?;
@@ -139,10 +137,7 @@ impl Front {
     /// -213 while a homing runs.
     pub(super) fn not_homing(&self) -> Result<(), Error> {
         match self.homing {
-            Some(homing) => {
-                let detail = Detail::AxisText(homing.axis, "homing");
-                Err(Error { number: ErrorNumber::InitIgnored, detail })
-            }
+            Some(homing) => Err(Error::axis_text(ErrorNumber::InitIgnored, homing.axis, "homing")),
             None => Ok(()),
         }
     }
@@ -226,7 +221,7 @@ impl Front {
         if self.planner.is_moving() || !self.report.settled || self.report.answered != self.sequence {
             return;
         }
-        let named = |number, text| Some(Error { number, detail: Detail::AxisText(homing.axis, text) });
+        let named = |number, text| Some(Error::axis_text(number, homing.axis, text));
         let play = self.clearance(homing.axis).saturating_add(SLACK);
         let reference = self.reference_steps(homing.axis);
         match homing.phase {
@@ -341,8 +336,7 @@ impl Front {
         let law = self.real_law();
         if law.steps(law.forward(steps)) != steps {
             let text = "HOME:OFFS is beyond the range of coordinates";
-            let detail = Detail::AxisText(axis, text);
-            return self.end_homing(Some(Error { number: ErrorNumber::DataOutOfRange, detail }));
+            return self.end_homing(Some(Error::axis_text(ErrorNumber::DataOutOfRange, axis, text)));
         }
         if self.order(Waiting::Rest { motor: i as u8, flank: Some(Flank::Positive), overlay: 0 }).is_err() {
             return self.end_homing(Some(refuse(ErrorNumber::Moving)));

@@ -30,7 +30,7 @@ use super::safety::{Inputs, Watch};
 use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
-use crate::error::{Detail, Error, ErrorNumber};
+use crate::error::{Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
 use crate::motion::planner::{Capability, Planner, Versioned};
 use crate::settings::{self, Settings};
@@ -485,10 +485,11 @@ fn check_step_rates(timing: &Timing, motors: &[MotorData; AXES]) -> Result<(), E
     let ceiling = u128::from(timing.max_step_rate());
     for (axis, motor) in Axis::ALL.into_iter().zip(motors) {
         if wide::div_up(u128::from(motor.velocity) << 32, u128::from(motor.step_q32.max(1))) > ceiling {
-            return Err(Error {
-                number: ErrorNumber::SettingsConflict,
-                detail: Detail::AxisText(axis, "step rate above what the pulse timing allows"),
-            });
+            return Err(Error::axis_text(
+                ErrorNumber::SettingsConflict,
+                axis,
+                "step rate above what the pulse timing allows",
+            ));
         }
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! Moves, jogs and stops: checked, then handed to the planner.
 
 use super::{Abort, Front, refuse};
-use crate::error::{Detail, Error, ErrorNumber};
+use crate::error::{Error, ErrorNumber};
 use crate::motion::planner::Desire;
 use crate::units::{AXES, Axis, Pose, SEGMENT_NS, wide};
 
@@ -180,20 +180,14 @@ impl Front {
         let most = self.settings.axes[i].velocity;
         if velocity.unsigned_abs() > most {
             let bound = if velocity < 0 { -(most as i64) } else { most as i64 };
-            return Err(Error {
-                number: ErrorNumber::DataOutOfRange,
-                detail: Detail::Speed { axis, value: velocity, bound },
-            });
+            return Err(Error::speed(axis, velocity, bound));
         }
         let upwards = velocity > 0;
         let rest = self.planner.rest();
         let limit = self.planner.farthest(&self.capability, axis, upwards, self.report.next);
         let here = rest.rounded().0[i];
         if (velocity > 0 && limit <= here || velocity < 0 && limit >= here) && !self.planner.is_moving() {
-            return Err(Error {
-                number: ErrorNumber::DataOutOfRange,
-                detail: Detail::Limit { axis, value: i64::from(here), bound: i64::from(limit), motor: false },
-            });
+            return Err(Error::limit(axis, i64::from(here), i64::from(limit), false));
         }
         let mut end = rest.rounded();
         end.0[i] = limit;

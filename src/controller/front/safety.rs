@@ -8,7 +8,7 @@
 use super::Front;
 use super::homing::switch_text;
 use crate::controller::safety::{Cause, Watch};
-use crate::error::{Detail, Error, ErrorNumber};
+use crate::error::{Error, ErrorNumber};
 use crate::settings::{Side, Wiring};
 use crate::units::{AXES, Axis, Pose};
 
@@ -67,7 +67,7 @@ impl Events {
             *mask &= *mask - 1;
             Some(axis)
         };
-        let named = |number, axis, text| Some(Error { number, detail: Detail::AxisText(axis, text) });
+        let named = |number, axis, text| Some(Error::axis_text(number, axis, text));
         if core::mem::take(&mut self.stop) {
             return Some(Error::text(ErrorNumber::EmergencyStop, "latched; close the contact, then SYST:EST:CLE"));
         }
@@ -231,8 +231,7 @@ impl Front {
             let side = if way < 0 { Side::Lower } else { Side::Upper };
             let active = if way < 0 { lower } else { upper };
             if way != 0 && active >> i & 1 != 0 {
-                let detail = Detail::AxisText(axis, switch_text(side));
-                return Err(Error { number: ErrorNumber::LimitSwitch, detail });
+                return Err(Error::axis_text(ErrorNumber::LimitSwitch, axis, switch_text(side)));
             }
         }
         Ok(())

@@ -4,7 +4,7 @@ use super::orders::Waiting;
 use super::{Abort, Anchored, Front, NO_LIMITS, PIVOTS, check_step_rates};
 use crate::compensation::backlash::Overlay;
 use crate::compensation::law::Law;
-use crate::error::{Detail, Error, ErrorNumber};
+use crate::error::{Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
 use crate::settings;
 use crate::settings::Settings;
@@ -59,8 +59,11 @@ impl Front {
         if !on {
             self.standstill()?;
         } else if self.driver_faults() >> axis.index() & 1 != 0 {
-            let detail = Detail::AxisText(axis, "fault line active; clear the driver or set FAULt:POLarity");
-            return Err(Error { number: ErrorNumber::DriverFault, detail });
+            return Err(Error::axis_text(
+                ErrorNumber::DriverFault,
+                axis,
+                "fault line active; clear the driver or set FAULt:POLarity",
+            ));
         }
         self.enabled[axis.index()] = on;
         self.refresh();
