@@ -161,6 +161,7 @@ stage_scripts() { # Scripts pass shellcheck
 }
 
 stage_readme() { # What the README tells to type works
+    need_thumb
     need_venv tests/clients/requirements.txt
     host_sim
     "$VENV/bin/python" tests/readme.py README.md
