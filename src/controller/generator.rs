@@ -43,6 +43,14 @@ struct Standing {
     play: Play,
 }
 
+impl Standing {
+    /// Remembers it.
+    #[inline(always)]
+    fn keep(&self, start: &mut Standing) {
+        *start = *self;
+    }
+}
+
 /// One motor.
 #[derive(Clone, Copy, Debug)]
 struct Motor {
@@ -63,21 +71,11 @@ struct Flags {
     owing: u8,
 }
 
-/// What reports say of a border of segments.
-#[derive(Clone, Copy, Debug, Default)]
-struct Brief {
-    /// Counts, overlay included.
-    counts: MotorSteps,
-    /// Counts without overlay.
-    steps: MotorSteps,
-    flags: Flags,
-}
-
 /// State at the start of a segment, for reports and for the roll-back.
 #[derive(Clone, Copy, Debug, Default)]
 struct Start {
     segment: u64,
-    brief: Brief,
+    flags: Flags,
     motors: [Standing; AXES],
 }
 
@@ -98,18 +96,27 @@ impl Stepping {
     /// Motors that stepped up, down, in any of the last segments.
     #[inline(always)]
     fn last(&self, segments: u64) -> (u8, u8) {
-        let kept = match segments {
-            0 => return (0, 0),
-            1..=7 => (1 << (8 * segments)) - 1,
-            _ => u64::MAX,
-        };
-        let any = |history: u64| {
-            let half = (history & kept) as u32 | ((history & kept) >> 32) as u32;
-            let quarter = half | half >> 16;
-            (quarter | quarter >> 8) as u8
-        };
+        // the ring holds four: anything else is rare
+        if segments > 4 {
+            return self.of_many(segments);
+        }
+        let kept = (0xFFFF_FFFFu64 << (8 * segments as u32) >> 32) as u32;
+        (any(self.up as u32 & kept), any(self.down as u32 & kept))
+    }
+
+    #[inline(never)]
+    fn of_many(&self, segments: u64) -> (u8, u8) {
+        let kept = if segments < 8 { (1 << (8 * segments)) - 1 } else { u64::MAX };
+        let any = |history: u64| any((history & kept) as u32 | ((history & kept) >> 32) as u32);
         (any(self.up), any(self.down))
     }
+}
+
+/// The four bytes of a word, all in one.
+#[inline(always)]
+fn any(bytes: u32) -> u8 {
+    let half = bytes | bytes >> 16;
+    (half | half >> 8) as u8
 }
 
 /// Profile, law, backlash and placement of all motors.
@@ -125,8 +132,7 @@ pub struct Generator {
     motors: [Motor; AXES],
     /// A step waits.
     waiting: bool,
-    brief: Brief,
-    overlay: [i32; AXES],
+    flags: Flags,
     timing: Timing,
     segment: u64,
     /// The last segment with a track, a take-up or a waiting step in it, plus one.
@@ -162,8 +168,7 @@ impl Generator {
             moving: 0,
             motors: timing.lines().map(motor),
             waiting: false,
-            brief: Brief::default(),
-            overlay: [0; AXES],
+            flags: Flags::default(),
             timing,
             segment: 0,
             busy_until: 0,
@@ -182,17 +187,20 @@ impl Generator {
 
     /// Writes the words of the next segment. `played`: segments completely played so far.
     pub fn refill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
-        self.fill(orders, played, words, false)
+        self.fill(orders, played, words, false);
+        self.report(played)
     }
 
     /// [`Generator::refill`] for words that hardware has cleared: each is
     /// [`RESET_STEPS`](crate::stepgen::pins::RESET_STEPS), which is what [`clear`] writes on a grid of one tick.
-    pub fn refill_cleared(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
+    /// Leaves the report to [`Generator::tell`].
+    #[inline(always)]
+    pub fn refill_cleared(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) {
         self.fill(orders, played, words, true)
     }
 
     #[inline(always)]
-    fn fill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words, cleared: bool) -> Report {
+    fn fill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words, cleared: bool) {
         self.played = played;
         if orders.peek().is_some() {
             self.take_orders(orders);
@@ -201,7 +209,7 @@ impl Generator {
             clear(words, &self.timing);
         }
         let moving = self.running != 0;
-        if moving || self.waiting || self.brief.flags.taking_up != 0 {
+        if moving || self.waiting || self.flags.taking_up != 0 {
             if self.segment > self.busy_until + 2 {
                 self.motors.iter_mut().for_each(|motor| motor.now.emitter.rested(first_tick(self.segment)));
             }
@@ -213,7 +221,6 @@ impl Generator {
             self.stand();
         }
         self.segment += 1;
-        self.report(played)
     }
 
     /// The law's targets at the end of this segment.
@@ -230,42 +237,33 @@ impl Generator {
         let base = first_tick(self.segment);
         let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
         start.segment = self.segment;
-        start.brief = self.brief;
+        start.flags = self.flags;
         let (motors, starts) = (&mut self.motors, &mut start.motors);
-        let news = if self.timing.grid() == 1 {
+        let (news, mut up, mut down) = if self.timing.grid() == 1 {
             follow_all::<true>(motors, starts, &targets.0, moving, base, words)
         } else {
             follow_all::<false>(motors, starts, &targets.0, moving, base, words)
         };
-        self.brief.flags.moving = self.moving;
-        let before = self.brief.counts;
+        self.flags.moving = self.moving;
         if news {
             self.look_at_motors();
-        } else {
-            for (i, motor) in self.motors.iter().enumerate() {
-                self.brief.counts.0[i] = (motor.now.position >> 32) as i32;
-                self.brief.steps.0[i] = (motor.now.target >> 32) as i32;
-            }
-        }
-        self.note_stepping(&before);
-    }
-
-    /// Which motors this segment steps, or owes a step, from the counts at its start.
-    #[inline(always)]
-    fn note_stepping(&mut self, before: &MotorSteps) {
-        let (mut up, mut down) = (0, 0);
-        for (i, (now, before)) in self.brief.counts.0.iter().zip(&before.0).enumerate() {
-            let by = now.wrapping_sub(*before);
-            up |= u8::from(by > 0) << i;
-            down |= u8::from(by < 0) << i;
-        }
-        if self.waiting {
-            for (i, motor) in self.motors.iter().enumerate() {
-                up |= u8::from(motor.now.emitter.waiting() > 0) << i;
-                down |= u8::from(motor.now.emitter.waiting() < 0) << i;
-            }
+            (up, down) = self.stepped();
         }
         self.stepping.push(up, down);
+    }
+
+    /// Which motors this segment steps, or owes a step, when some step waits or has waited.
+    #[inline(never)]
+    fn stepped(&self) -> (u8, u8) {
+        let (mut up, mut down) = (0, 0);
+        let Some(start) = self.history.get((self.segment % HISTORY as u64) as usize) else { return (up, down) };
+        for (i, (Motor { now, .. }, start)) in self.motors.iter().zip(&start.motors).enumerate() {
+            let by = now.emitter.emitted().wrapping_sub(start.emitter.emitted());
+            let waiting = now.emitter.waiting();
+            up |= u8::from(by > 0 || waiting > 0) << i;
+            down |= u8::from(by < 0 || waiting < 0) << i;
+        }
+        (up, down)
     }
 
     /// A segment in which nothing moves.
@@ -284,7 +282,7 @@ impl Generator {
     fn come_to_rest(&mut self) {
         let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
         self.steady += 1;
-        start.brief = self.brief;
+        start.flags = self.flags;
         start.motors = self.motors.map(|motor| motor.now);
     }
 
@@ -295,15 +293,12 @@ impl Generator {
         self.waiting = false;
         for (i, Motor { now, config, .. }) in self.motors.iter().enumerate() {
             self.waiting |= now.emitter.waiting() != 0;
-            self.overlay[i] = now.play.overlay();
-            self.brief.counts.0[i] = now.emitter.emitted();
-            self.brief.steps.0[i] = (now.target >> 32) as i32;
             flags.taking_up |= u8::from(now.play.is_taking_up()) << i;
             flags.negative |= u8::from(now.play.flank() == Flank::Negative) << i;
             flags.known |= u8::from(now.play.is_known()) << i;
             flags.owing |= u8::from(now.play.owes(config)) << i;
         }
-        self.brief.flags = flags;
+        self.flags = flags;
     }
 
     /// The pose at the end of this segment; tracks that end are merged into the base, exactly.
@@ -437,9 +432,9 @@ impl Generator {
         self.moving = 0;
         self.look_at_motors();
         // what is still to be played is silence: reports and an abort in it speak of the new counts
-        let (motors, brief) = (self.motors.map(|motor| motor.now), self.brief);
+        let (motors, flags) = (self.motors.map(|motor| motor.now), self.flags);
         for start in &mut self.history {
-            *start = Start { segment: start.segment, brief, motors };
+            *start = Start { segment: start.segment, flags, motors };
         }
     }
 
@@ -488,11 +483,11 @@ impl Generator {
     }
 
     /// Takes orders and reports, while nothing plays and no segment is made.
-    pub fn attend(&mut self, orders: &mut impl Orders) -> Report {
+    pub fn attend(&mut self, orders: &mut impl Orders, report: &mut Report) {
         if orders.peek().is_some() {
             self.take_orders(orders);
         }
-        self.report(self.segment)
+        self.tell(self.segment, report);
     }
 
     /// The segment that is generated next.
@@ -506,34 +501,36 @@ impl Generator {
     }
 
     /// State at the end of the segments completely played, of which there are `played`.
-    #[inline(always)]
     pub fn report(&self, played: u64) -> Report {
-        let Brief { counts, steps, flags } = match self.start_of(played) {
-            Some(start) => &start.brief,
-            None => &self.brief,
+        let mut report = Report::default();
+        self.tell(played, &mut report);
+        report
+    }
+
+    /// The same, written over another report; what the stream knows stays.
+    #[inline(always)]
+    pub fn tell(&self, played: u64, report: &mut Report) {
+        let flags = match self.start_of(played) {
+            Some(start) => {
+                count(start.motors.iter(), &mut report.counts, &mut report.steps);
+                &start.flags
+            }
+            None => {
+                count(self.motors.iter().map(|motor| &motor.now), &mut report.counts, &mut report.steps);
+                &self.flags
+            }
         };
-        let (stepping_up, stepping_down) = self.stepping.last(self.segment.saturating_sub(played));
-        Report {
-            next: self.segment,
-            played,
-            answered: self.answered,
-            refused: self.refused,
-            counts: *counts,
-            steps: *steps,
-            final_steps: self.brief.steps,
-            moving: flags.moving,
-            taking_up: flags.taking_up,
-            negative: flags.negative,
-            known: flags.known,
-            owing: flags.owing,
-            overlay: self.overlay,
-            settled: played >= self.busy_until,
-            aborts: self.aborts,
-            halted: self.halted,
-            stepping_up,
-            stepping_down,
-            ..Report::default()
+        for (i, Motor { now, .. }) in self.motors.iter().enumerate() {
+            report.final_steps.0[i] = (now.target >> 32) as i32;
+            report.overlay[i] = now.play.overlay();
         }
+        (report.next, report.played) = (self.segment, played);
+        (report.answered, report.refused) = (self.answered, self.refused);
+        (report.moving, report.taking_up, report.negative) = (flags.moving, flags.taking_up, flags.negative);
+        (report.known, report.owing) = (flags.known, flags.owing);
+        report.settled = played >= self.busy_until;
+        (report.aborts, report.halted) = (self.aborts, self.halted);
+        (report.stepping_up, report.stepping_down) = self.stepping.last(self.segment.saturating_sub(played));
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests
@@ -554,8 +551,18 @@ impl Generator {
     }
 }
 
-/// One segment of every motor to new targets: true where a play or an emitter has news. A leaf of its own with
-/// slices, lest the compiler unroll the motors and run out of registers. `UNIT`: the grid is one tick.
+/// Counts with and without overlay.
+#[inline(always)]
+fn count<'a>(motors: impl Iterator<Item = &'a Standing>, counts: &mut MotorSteps, steps: &mut MotorSteps) {
+    for (now, (count, step)) in motors.zip(counts.0.iter_mut().zip(&mut steps.0)) {
+        *count = now.emitter.emitted();
+        *step = (now.target >> 32) as i32;
+    }
+}
+
+/// One segment of every motor to new targets: true where a play or an emitter has news, and the motors that step up,
+/// down, if none has. A leaf of its own with slices, lest the compiler unroll the motors and run out of registers.
+/// `UNIT`: the grid is one tick.
 #[inline(never)]
 fn follow_all<const UNIT: bool>(
     motors: &mut [Motor],
@@ -564,10 +571,10 @@ fn follow_all<const UNIT: bool>(
     moving: bool,
     base: u32,
     words: &mut Words,
-) -> bool {
-    let mut any = false;
+) -> (bool, u8, u8) {
+    let (mut any, mut bit, mut up, mut down) = (false, 1u32, 0, 0);
     for ((Motor { now, take_up, config, line }, start), target) in motors.iter_mut().zip(starts).zip(targets) {
-        *start = *now;
+        now.keep(start);
         now.target = *target;
         let whole = (*target >> 32) as i32;
         let overlay = if now.play.goes_on(whole) {
@@ -581,11 +588,18 @@ fn follow_all<const UNIT: bool>(
         };
         let from = now.position;
         now.position = target.wrapping_add(overlay);
+        let by = ((now.position >> 32) as i32).wrapping_sub((from >> 32) as i32);
+        if by > 0 {
+            up |= bit;
+        } else if by < 0 {
+            down |= bit;
+        }
+        bit <<= 1;
         if now.emitter.place::<UNIT>(line, from, now.position, base, words) {
             any = true;
         }
     }
-    any
+    (any, up as u8, down as u8)
 }
 
 /// Tick of the first word of a segment; wraps.
