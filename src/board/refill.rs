@@ -41,14 +41,15 @@ const SWITCH_LINES: u32 = {
 };
 
 /// What the refill owns.
+#[repr(C)] // the large part last, so that the rest lies within the reach of one load
 struct Owned {
-    stream: Stream,
     sink: StepDma,
     orders: Consumer<'static, Order>,
     /// [`Report::marks`] of the last report.
     marks: [u32; 4],
     /// Refills until the thread is woken although nothing has changed.
     calm: u8,
+    stream: Stream,
 }
 
 /// Memory of the refill alone.
@@ -236,7 +237,9 @@ fn TIM2() {
     STANDING.store(!stream.is_running(), Ordering::Relaxed);
     supervision::refill_ran();
     *calm = calm.saturating_sub(1);
-    if now != *marks || *calm == 0 {
+    // not `!=`, which is a call
+    let [a, b, c, d] = *marks;
+    if (now[0] ^ a) | (now[1] ^ b) | (now[2] ^ c) | (now[3] ^ d) != 0 || *calm == 0 {
         *marks = now;
         *calm = CALM;
         NVIC::pend(WAKER);

@@ -1,5 +1,7 @@
 //! One row of the coupling: a motor's target from coordinates, step size folded in.
 
+use crate::units::AXES;
+
 /// One half in Q32, added once so that the floor of a target is the nearest step.
 pub const HALF: i64 = 1 << 31;
 
@@ -24,9 +26,9 @@ pub fn factor(bits: u8) -> i32 {
     1 << (61u32.wrapping_sub(bits.into()) & 31)
 }
 
-/// [`row`] for several motors at once; a leaf of its own, lest the compiler unroll it and run out of registers.
+/// [`row`] for three motors at once; a leaf of its own, lest it make its caller run out of registers.
 #[inline(never)]
-pub fn rows(coefficients: &[[i32; 3]], factors: &[i32], coordinates: &[i64; 3], motors: &mut [i64]) {
+pub fn rows(coefficients: &[[i32; 3]; 3], factors: &[i32; AXES], coordinates: &[i64; 3], motors: &mut [i64; AXES]) {
     let [x, y, z] = *coordinates;
     let (wholes, parts) = ([whole(x), whole(y), whole(z)], [part(x), part(y), part(z)]);
     // written out, because a loop over three products costs more than they do
@@ -34,9 +36,10 @@ pub fn rows(coefficients: &[[i32; 3]], factors: &[i32], coordinates: &[i64; 3], 
         let (x, y, z) = (i64::from(*x), i64::from(*y), i64::from(*z));
         (i64::from(*a) * x).wrapping_add(i64::from(*b) * y).wrapping_add(i64::from(*c) * z)
     };
-    for ((motor, coefficients), factor) in motors.iter_mut().zip(coefficients).zip(factors) {
-        *motor = target(dot(coefficients, &wholes), dot(coefficients, &parts), *factor);
-    }
+    let of = |i: usize| target(dot(&coefficients[i], &wholes), dot(&coefficients[i], &parts), factors[i]);
+    motors[0] = of(0);
+    motors[1] = of(1);
+    motors[2] = of(2);
 }
 
 /// [`row`] of one coordinate, with the [`factor`] of its bits.

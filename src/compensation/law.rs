@@ -105,6 +105,14 @@ impl Law {
     /// Targets of the motors in Q32.32 steps, one half added.
     #[inline(always)]
     pub fn motors(&self, pose: &FinePose, last: &mut Remembered) -> FineSteps {
+        let mut steps = FineSteps([0; AXES]);
+        self.drive(pose, last, &mut steps);
+        steps
+    }
+
+    /// The same, written over other targets.
+    #[inline(always)]
+    pub fn drive(&self, pose: &FinePose, last: &mut Remembered, steps: &mut FineSteps) {
         let u = &pose.0;
         let angles = [u[3], u[4], u[5]];
         let [a, b, c] = last.angles;
@@ -114,14 +122,11 @@ impl Law {
             self.rotation.turn(&angles, &mut last.turned);
         }
         let Turned { actuator: q, displacement: c } = &last.turned;
-        let mut steps = FineSteps::default();
         let p = [u[0] - c[0], u[1] - c[1], u[2] - c[2]];
-        let (linear, rotary) = steps.0.split_at_mut(3);
-        rows(&self.slides, &self.factors[..3], &p, linear);
-        rotary[0] = lone(self.gain[0], q[0], self.factors[3]);
-        rotary[1] = lone(self.gain[1], q[1], self.factors[4]);
-        rotary[2] = lone(self.gain[2], q[2], self.factors[5]);
-        steps
+        rows(&self.slides, &self.factors, &p, &mut steps.0);
+        steps.0[3] = lone(self.gain[0], q[0], self.factors[3]);
+        steps.0[4] = lone(self.gain[1], q[1], self.factors[4]);
+        steps.0[5] = lone(self.gain[2], q[2], self.factors[5]);
     }
 
     /// Step counts of a pose at rest.

@@ -120,16 +120,14 @@ fn any(bytes: u32) -> u8 {
 }
 
 /// Profile, law, backlash and placement of all motors.
+///
+/// In the order of declaration: what every segment touches lies within the reach of one load.
+#[repr(C)]
 pub struct Generator {
-    law: Law,
-    remembered: Remembered,
-    base: FinePose,
-    tracks: [Running; SLOTS],
     /// Bit n: slot n has a track.
     running: u8,
     /// Axes that the tracks move, bit n = axis n.
     moving: u8,
-    motors: [Motor; AXES],
     /// A step waits.
     waiting: bool,
     flags: Flags,
@@ -145,9 +143,14 @@ pub struct Generator {
     /// Segments completely played, as far as known.
     played: u64,
     stepping: Stepping,
-    history: [Start; HISTORY],
     /// How many of the last entries of the history say what is the case now.
     steady: u8,
+    base: FinePose,
+    remembered: Remembered,
+    law: Law,
+    motors: [Motor; AXES],
+    history: [Start; HISTORY],
+    tracks: [Running; SLOTS],
 }
 
 impl Generator {
@@ -572,7 +575,7 @@ fn follow_all<const UNIT: bool>(
     base: u32,
     words: &mut Words,
 ) -> (bool, u8, u8) {
-    let (mut any, mut bit, mut up, mut down) = (false, 1u32, 0, 0);
+    let (mut any, mut signs) = (false, 0u32);
     for ((Motor { now, take_up, config, line }, start), target) in motors.iter_mut().zip(starts).zip(targets) {
         now.keep(start);
         now.target = *target;
@@ -589,17 +592,14 @@ fn follow_all<const UNIT: bool>(
         let from = now.position;
         now.position = target.wrapping_add(overlay);
         let by = ((now.position >> 32) as i32).wrapping_sub((from >> 32) as i32);
-        if by > 0 {
-            up |= bit;
-        } else if by < 0 {
-            down |= bit;
-        }
-        bit <<= 1;
+        // a bit for upwards in the upper half, for downwards in the lower one; the last motor's come to lie lowest
+        signs = signs << 1 | by.wrapping_neg() as u32 >> 31 << 16 | by as u32 >> 31;
         if now.emitter.place::<UNIT>(line, from, now.position, base, words) {
             any = true;
         }
     }
-    (any, up as u8, down as u8)
+    let half = |signs: u32| (signs.reverse_bits() >> (32 - AXES)) as u8;
+    (any, half(signs >> 16), half(signs))
 }
 
 /// Tick of the first word of a segment; wraps.

@@ -65,12 +65,13 @@ enum State {
 }
 
 /// Keeps the ring filled.
+#[repr(C)] // the large part last, so that the rest lies within the reach of one load
 pub struct Stream {
-    generator: Generator,
     /// Segment in the first place of the ring at the last start.
     origin: u64,
     state: State,
     halt: Halt,
+    generator: Generator,
 }
 
 impl Stream {

@@ -180,7 +180,8 @@ class Bench:
                 most = float(ask(self.board, f"AXIS{n}:{header}? MAX"))
                 wanted *= along
                 self.tell(f"AXIS{n}:{header} " + (f"{wanted:.6f}" if wanted < most else "MAX"))
-            self.tell(f"AXIS{n}:BACK:VEL MIN")
+            # the least reserve leaves the most for the move; where there is room, the play is taken up before the window
+            self.tell(f"AXIS{n}:BACK:VEL {'MIN' if rate > 400_000 else 'DEF'}")
         self.fine()
 
     def fast(self):
