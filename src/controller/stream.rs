@@ -85,8 +85,8 @@ impl Stream {
         self.state == State::Running
     }
 
-    /// Does what is due and leaves a report; call once a segment, and after every stop. `halt`: why somebody has stopped
-    /// the hardware.
+    /// Does what is due; call once a segment, and after every stop. `halt`: why somebody has stopped the hardware.
+    /// `report`: the last one, which is written over.
     #[inline(always)]
     pub fn service(
         &mut self,
@@ -101,7 +101,7 @@ impl Stream {
         let mut playing = None;
         if self.state == State::Running {
             let at = self.position(sink);
-            let (up, down) = self.generator.stepping();
+            let (up, down) = (report.stepping_up, report.stepping_down);
             let halt = halt.or_else(|| watch.halt(inputs, up, down)).or_else(|| self.late(at));
             match halt {
                 Some(halt) => self.roll_back(sink, orders, halt),
@@ -156,7 +156,7 @@ impl Stream {
     #[inline(always)]
     fn late(&self, (segment, tick): (u64, usize)) -> Option<Halt> {
         let due = self.generator.next_segment();
-        let left = (due.saturating_sub(segment) * SEGMENT_TICKS as u64).saturating_sub(tick as u64);
+        let left = (due.saturating_sub(segment) as u32 as u64 * SEGMENT_TICKS as u64).saturating_sub(tick as u64);
         (left < MARGIN).then_some(Halt { cause: Cause::Deadline, ..Halt::default() })
     }
 
