@@ -5,11 +5,11 @@
 //! leaves a report. It holds no pose but the base and the running tracks, all integers; the state at the start of
 //! each of the last segments is kept, so that an abort at any word rolls back to what was really played.
 //!
-//! # Every second border
-//! Profile and law are evaluated for every second border of segments only; the one in the middle lies half-way between
-//! its neighbours, at most a T^2 / 8 off (0.2 nm at 20 mm/s^2, T = 256 us). A pair of segments begins where motion begins or an
-//! order takes effect, and none reaches over the end of a track, so that words depend on orders alone and the last
-//! segments are exact.
+//! # Spans
+//! Profile and law are evaluated once for a span of [`SPAN`] segments; the borders inside lie on the straight line
+//! between its ends, at most a T^2 / 8 off (SPAN_ERROR at 20 mm/s^2, T being the span). A span begins where motion
+//! begins or an order takes effect, and none reaches over the end of a track: words depend on orders alone, and
+//! where a track ends every border is exact.
 //!
 //! # Limitations
 //! An abort must name a segment among the last [`HISTORY`] ones.
@@ -23,6 +23,9 @@ use crate::motion::track::Track;
 use crate::stepgen::segment::{Emitter, Words, clear};
 use crate::stepgen::timing::{Line, Timing};
 use crate::units::{AXES, FinePose, FineSteps, MotorSteps, SEGMENT_TICKS};
+
+/// Segments for which profile and law are evaluated once; a power of two.
+pub const SPAN: u64 = 2;
 
 /// Segments whose start state is kept: the ring of the board, the one in the making, and slack.
 pub const HISTORY: usize = 8;
@@ -107,17 +110,17 @@ impl Stepping {
 
     /// Motors that stepped up, down, in any of the last segments.
     #[inline(always)]
-    fn last(&self, segments: u64) -> (u8, u8) {
+    fn last(&self, segments: u32) -> (u8, u8) {
         // the ring holds four: anything else is rare
         if segments > 4 {
             return self.of_many(segments);
         }
-        let kept = (0xFFFF_FFFFu64 << (8 * segments as u32) >> 32) as u32;
+        let kept = (0xFFFF_FFFFu64 << (8 * segments) >> 32) as u32;
         (any(self.up as u32 & kept), any(self.down as u32 & kept))
     }
 
     #[inline(never)]
-    fn of_many(&self, segments: u64) -> (u8, u8) {
+    fn of_many(&self, segments: u32) -> (u8, u8) {
         let kept = if segments < 8 { (1 << (8 * segments)) - 1 } else { u64::MAX };
         let any = |history: u64| any((history & kept) as u32 | ((history & kept) >> 32) as u32);
         (any(self.up), any(self.down))
@@ -140,6 +143,8 @@ pub struct Generator {
     running: u8,
     /// Axes that the tracks move, bit n = axis n.
     moving: u8,
+    /// Segments of the span after this one.
+    left: u8,
     /// A step waits.
     waiting: bool,
     flags: Flags,
@@ -160,12 +165,10 @@ pub struct Generator {
     base: FinePose,
     /// The first border at which a track ends.
     next_end: u64,
-    /// `ahead` is one segment farther than what was generated.
-    midway: bool,
-    /// The law's targets at the last border evaluated.
+    /// The law's targets at the end of the span.
     ahead: FineSteps,
-    /// Half-way to them.
-    middle: FineSteps,
+    /// What a segment adds to the targets until then.
+    stride: FineSteps,
     remembered: Remembered,
     law: Law,
     motors: [Motor; AXES],
@@ -189,9 +192,9 @@ impl Generator {
             base: FinePose::default(),
             tracks: [Running::default(); SLOTS],
             next_end: u64::MAX,
-            midway: false,
+            left: 0,
             ahead: FineSteps::default(),
-            middle: FineSteps::default(),
+            stride: FineSteps::default(),
             running: 0,
             moving: 0,
             motors: timing.lines().map(motor),
@@ -255,21 +258,27 @@ impl Generator {
         self.segment += 1;
     }
 
-    /// The law's targets at the end of this segment: `middle` if the pair begins with it, else `ahead`.
+    /// Makes `ahead` and `stride` say where the motors are to be at the end of this segment.
     #[inline(always)]
     fn aim(&mut self) {
-        if self.midway {
-            self.midway = false;
+        if self.left != 0 {
+            self.left -= 1;
             return;
         }
-        let pair = self.segment + 2 < self.next_end;
-        let pose = self.advance_tracks(self.segment + if pair { 2 } else { 1 });
+        let whole = self.segment + SPAN < self.next_end;
+        let pose = self.advance_tracks(self.segment + if whole { SPAN } else { 1 });
         self.law.drive(&pose, &mut self.remembered, &mut self.ahead);
-        self.midway = pair;
-        if pair {
-            for ((middle, ahead), motor) in self.middle.0.iter_mut().zip(&self.ahead.0).zip(&self.motors) {
-                *middle = motor.now.target.wrapping_add(ahead.wrapping_sub(motor.now.target) >> 1);
-            }
+        if whole {
+            self.left = SPAN as u8 - 1;
+            let mut stride = |i: usize| {
+                self.stride.0[i] = self.ahead.0[i].wrapping_sub(self.motors[i].now.target) >> SPAN.ilog2();
+            };
+            stride(0);
+            stride(1);
+            stride(2);
+            stride(3);
+            stride(4);
+            stride(5);
         }
     }
 
@@ -280,12 +289,12 @@ impl Generator {
         let base = first_tick(self.segment);
         let place = place_of(self.segment);
         self.history[place] = Start { segment: self.segment, flags: self.flags };
-        let targets = if self.midway { &self.middle.0 } else { &self.ahead.0 };
+        let (from, targets) = if self.left != 0 { (-1, &self.stride.0) } else { (0, &self.ahead.0) };
         let motors = &mut self.motors;
         let (news, mut up, mut down) = if self.timing.grid() == 1 {
-            follow_all::<true>(motors, place, targets, moving, base, words)
+            follow_all::<true>(motors, place, from, targets, moving, base, words)
         } else {
-            follow_all::<false>(motors, place, targets, moving, base, words)
+            follow_all::<false>(motors, place, from, targets, moving, base, words)
         };
         self.flags.moving = self.moving;
         if news {
@@ -405,7 +414,7 @@ impl Generator {
         self.look_at_tracks();
         self.look_at_motors();
         self.steady = 0;
-        self.midway = false;
+        self.left = 0;
     }
 
     /// Applies an order; false when the state does not allow it.
@@ -500,7 +509,7 @@ impl Generator {
         };
         self.aborts = self.aborts.wrapping_add(1);
         self.running = 0;
-        self.midway = false;
+        self.left = 0;
         let (start, words, tick) = match self.start_of(segment) {
             Some(_) => (self.motors.map(|motor| motor.starts[place_of(segment)]), words, tick),
             None => (self.motors.map(|motor| motor.now), &[0; SEGMENT_TICKS], 0),
@@ -549,7 +558,7 @@ impl Generator {
 
     /// Motors that may be stepping up, down, in what plays or waits to be played.
     pub fn stepping(&self) -> (u8, u8) {
-        self.stepping.last(self.segment.saturating_sub(self.played))
+        self.stepping.last(self.segment.saturating_sub(self.played) as u32)
     }
 
     /// State at the end of the segments completely played, of which there are `played`.
@@ -578,7 +587,8 @@ impl Generator {
         (report.known, report.owing) = (flags.known, flags.owing);
         report.settled = played >= self.busy_until;
         (report.aborts, report.halted) = (self.aborts, self.halted);
-        (report.stepping_up, report.stepping_down) = self.stepping.last(self.segment.saturating_sub(played));
+        (report.stepping_up, report.stepping_down) =
+            self.stepping.last((self.segment as u32).wrapping_sub(played as u32));
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests
@@ -601,11 +611,13 @@ impl Generator {
 
 /// One segment of every motor to new targets: true where a play or an emitter has news, and the motors that step up,
 /// down, if none has. A leaf of its own with slices, lest the compiler unroll the motors and run out of registers.
-/// `place`: where the start of this segment is remembered. `UNIT`: the grid is one tick.
+/// `place`: where the start of this segment is remembered. `targets` count from zero if `from` is 0, and from where the
+/// motors are aimed at now if it is -1. `UNIT`: the grid is one tick.
 #[inline(never)]
 fn follow_all<const UNIT: bool>(
     motors: &mut [Motor],
     place: usize,
+    from: i64,
     targets: &[i64],
     moving: bool,
     base: u32,
@@ -614,8 +626,9 @@ fn follow_all<const UNIT: bool>(
     let (mut any, mut signs) = (false, 0u32);
     for (Motor { now, starts, take_up, config, line }, target) in motors.iter_mut().zip(targets) {
         starts[place % HISTORY] = *now;
-        now.target = *target;
-        let whole = (*target >> 32) as i32;
+        let target = (now.target & from).wrapping_add(*target);
+        now.target = target;
+        let whole = (target >> 32) as i32;
         let overlay = if now.play.goes_on(whole) {
             i64::from(now.play.overlay()) << 32
         } else {

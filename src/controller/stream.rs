@@ -156,15 +156,17 @@ impl Stream {
     #[inline(always)]
     fn late(&self, (segment, tick): (u64, usize)) -> Option<Halt> {
         let due = self.generator.next_segment();
-        let left = (due.saturating_sub(segment) as u32 as u64 * SEGMENT_TICKS as u64).saturating_sub(tick as u64);
-        (left < MARGIN).then_some(Halt { cause: Cause::Deadline, ..Halt::default() })
+        // ticks left; neither lies far from the other
+        let left = (due.wrapping_sub(segment) as i32).wrapping_mul(SEGMENT_TICKS as i32) - tick as i32;
+        (left < MARGIN as i32).then_some(Halt { cause: Cause::Deadline, ..Halt::default() })
     }
 
     /// Makes what is missing while a segment plays; answers which plays afterwards, none when it has come too late.
     #[inline(always)]
     fn fill(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders, segment: u64) -> Option<u64> {
         let mut plays = segment;
-        while self.generator.next_segment() <= segment + AHEAD {
+        // neither lies far from the other
+        while (self.generator.next_segment() as u32).wrapping_sub(segment as u32) as i32 <= AHEAD as i32 {
             let made = self.generator.next_segment();
             self.make(sink, orders, segment);
             plays = self.position(sink).0;
