@@ -5,12 +5,6 @@
 //! leaves a report. It holds no pose but the base and the running tracks, all integers; the state at the start of
 //! each of the last segments is kept, so that an abort at any word rolls back to what was really played.
 //!
-//! # Spans
-//! Profile and law are evaluated once for a span of [`SPAN`] segments; the borders inside lie on the straight line
-//! between its ends, at most a T^2 / 8 off (SPAN_ERROR at 20 mm/s^2, T being the span). A span begins where motion
-//! begins or an order takes effect, and none reaches over the end of a track: words depend on orders alone, and
-//! where a track ends every border is exact.
-//!
 //! # Limitations
 //! An abort must name a segment among the last [`HISTORY`] ones.
 
@@ -23,9 +17,6 @@ use crate::motion::track::Track;
 use crate::stepgen::segment::{Emitter, Words, clear};
 use crate::stepgen::timing::{Line, Timing};
 use crate::units::{AXES, FinePose, FineSteps, MotorSteps, SEGMENT_TICKS};
-
-/// Segments for which profile and law are evaluated once; a power of two.
-pub const SPAN: u64 = 2;
 
 /// Segments whose start state is kept: the ring of the board, the one in the making, and slack.
 pub const HISTORY: usize = 8;
@@ -143,8 +134,6 @@ pub struct Generator {
     running: u8,
     /// Axes that the tracks move, bit n = axis n.
     moving: u8,
-    /// Segments of the span after this one.
-    left: u8,
     /// A step waits.
     waiting: bool,
     flags: Flags,
@@ -165,10 +154,8 @@ pub struct Generator {
     base: FinePose,
     /// The first border at which a track ends.
     next_end: u64,
-    /// The law's targets at the end of the span.
+    /// The law's targets at the end of the segment in the making.
     ahead: FineSteps,
-    /// What a segment adds to the targets until then.
-    stride: FineSteps,
     remembered: Remembered,
     law: Law,
     motors: [Motor; AXES],
@@ -192,9 +179,7 @@ impl Generator {
             base: FinePose::default(),
             tracks: [Running::default(); SLOTS],
             next_end: u64::MAX,
-            left: 0,
             ahead: FineSteps::default(),
-            stride: FineSteps::default(),
             running: 0,
             moving: 0,
             motors: timing.lines().map(motor),
@@ -245,7 +230,8 @@ impl Generator {
                 self.motors.iter_mut().for_each(|motor| motor.now.emitter.rested(first_tick(self.segment)));
             }
             if moving {
-                self.aim();
+                let pose = self.advance_tracks();
+                self.law.drive(&pose, &mut self.remembered, &mut self.ahead);
             } else {
                 self.ahead = self.targets();
             }
@@ -258,30 +244,6 @@ impl Generator {
         self.segment += 1;
     }
 
-    /// Makes `ahead` and `stride` say where the motors are to be at the end of this segment.
-    #[inline(always)]
-    fn aim(&mut self) {
-        if self.left != 0 {
-            self.left -= 1;
-            return;
-        }
-        let whole = self.segment + SPAN < self.next_end;
-        let pose = self.advance_tracks(self.segment + if whole { SPAN } else { 1 });
-        self.law.drive(&pose, &mut self.remembered, &mut self.ahead);
-        if whole {
-            self.left = SPAN as u8 - 1;
-            let mut stride = |i: usize| {
-                self.stride.0[i] = self.ahead.0[i].wrapping_sub(self.motors[i].now.target) >> SPAN.ilog2();
-            };
-            stride(0);
-            stride(1);
-            stride(2);
-            stride(3);
-            stride(4);
-            stride(5);
-        }
-    }
-
     /// One segment of motion: remembers every motor, takes up its play and places its steps. Unless `moving` only
     /// the overlays move.
     #[inline(always)]
@@ -289,12 +251,12 @@ impl Generator {
         let base = first_tick(self.segment);
         let place = place_of(self.segment);
         self.history[place] = Start { segment: self.segment, flags: self.flags };
-        let (from, targets) = if self.left != 0 { (-1, &self.stride.0) } else { (0, &self.ahead.0) };
-        let motors = &mut self.motors;
+        // no longer known to be a static: its address would be put together anew for every motor
+        let motors = core::hint::black_box(&mut self.motors);
         let (news, mut up, mut down) = if self.timing.grid() == 1 {
-            follow_all::<true>(motors, place, from, targets, moving, base, words)
+            follow_all::<true>(motors, place, &self.ahead.0, moving, base, words)
         } else {
-            follow_all::<false>(motors, place, from, targets, moving, base, words)
+            follow_all::<false>(motors, place, &self.ahead.0, moving, base, words)
         };
         self.flags.moving = self.moving;
         if news {
@@ -353,9 +315,10 @@ impl Generator {
         self.flags = flags;
     }
 
-    /// The pose at a border; tracks that end are merged into the base, exactly.
+    /// The pose at the end of this segment; tracks that end are merged into the base, exactly.
     #[inline(always)]
-    fn advance_tracks(&mut self, border: u64) -> FinePose {
+    fn advance_tracks(&mut self) -> FinePose {
+        let border = self.segment + 1;
         if border >= self.next_end {
             self.end_tracks(border);
         }
@@ -414,7 +377,6 @@ impl Generator {
         self.look_at_tracks();
         self.look_at_motors();
         self.steady = 0;
-        self.left = 0;
     }
 
     /// Applies an order; false when the state does not allow it.
@@ -509,7 +471,6 @@ impl Generator {
         };
         self.aborts = self.aborts.wrapping_add(1);
         self.running = 0;
-        self.left = 0;
         let (start, words, tick) = match self.start_of(segment) {
             Some(_) => (self.motors.map(|motor| motor.starts[place_of(segment)]), words, tick),
             None => (self.motors.map(|motor| motor.now), &[0; SEGMENT_TICKS], 0),
@@ -571,16 +532,17 @@ impl Generator {
     /// The same, written over another report; what the stream knows stays.
     #[inline(always)]
     pub fn tell(&self, played: u64, report: &mut Report) {
-        let start = self.start_of(played);
-        let place = place_of(played);
-        for (i, Motor { now, starts, .. }) in self.motors.iter().enumerate() {
-            let then = if start.is_some() { &starts[place] } else { now };
-            report.counts.0[i] = then.emitter.emitted();
-            report.steps.0[i] = (then.target >> 32) as i32;
-            report.final_steps.0[i] = (now.target >> 32) as i32;
-            report.overlay[i] = now.play.overlay();
-        }
-        let flags = start.map_or(&self.flags, |start| &start.flags);
+        let flags = match self.start_of(played) {
+            Some(start) => {
+                let place = place_of(played);
+                self.count(|motor| &motor.starts[place], report);
+                &start.flags
+            }
+            None => {
+                self.count_now(report);
+                &self.flags
+            }
+        };
         (report.next, report.played) = (self.segment, played);
         (report.answered, report.refused) = (self.answered, self.refused);
         (report.moving, report.taking_up, report.negative) = (flags.moving, flags.taking_up, flags.negative);
@@ -589,6 +551,31 @@ impl Generator {
         (report.aborts, report.halted) = (self.aborts, self.halted);
         (report.stepping_up, report.stepping_down) =
             self.stepping.last((self.segment as u32).wrapping_sub(played as u32));
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn count_now(&self, report: &mut Report) {
+        self.count(|motor| &motor.now, report);
+    }
+
+    /// What a report says motor by motor; `then` is where a motor stood when what was played had been played.
+    #[inline(always)]
+    fn count(&self, then: impl Fn(&Motor) -> &Standing, report: &mut Report) {
+        // written out, because a loop over five arrays costs more than what is in it
+        let mut one = |i: usize| {
+            let (motor, then) = (&self.motors[i], then(&self.motors[i]));
+            report.counts.0[i] = then.emitter.emitted();
+            report.steps.0[i] = (then.target >> 32) as i32;
+            report.final_steps.0[i] = (motor.now.target >> 32) as i32;
+            report.overlay[i] = motor.now.play.overlay();
+        };
+        one(0);
+        one(1);
+        one(2);
+        one(3);
+        one(4);
+        one(5);
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests
@@ -611,13 +598,11 @@ impl Generator {
 
 /// One segment of every motor to new targets: true where a play or an emitter has news, and the motors that step up,
 /// down, if none has. A leaf of its own with slices, lest the compiler unroll the motors and run out of registers.
-/// `place`: where the start of this segment is remembered. `targets` count from zero if `from` is 0, and from where the
-/// motors are aimed at now if it is -1. `UNIT`: the grid is one tick.
+/// `place`: where the start of this segment is remembered. `UNIT`: the grid is one tick.
 #[inline(never)]
 fn follow_all<const UNIT: bool>(
     motors: &mut [Motor],
     place: usize,
-    from: i64,
     targets: &[i64],
     moving: bool,
     base: u32,
@@ -626,9 +611,8 @@ fn follow_all<const UNIT: bool>(
     let (mut any, mut signs) = (false, 0u32);
     for (Motor { now, starts, take_up, config, line }, target) in motors.iter_mut().zip(targets) {
         starts[place % HISTORY] = *now;
-        let target = (now.target & from).wrapping_add(*target);
-        now.target = target;
-        let whole = (target >> 32) as i32;
+        now.target = *target;
+        let whole = (*target >> 32) as i32;
         let overlay = if now.play.goes_on(whole) {
             i64::from(now.play.overlay()) << 32
         } else {

@@ -52,6 +52,9 @@ impl Watch {
     /// words that play or wait to be played.
     #[inline(always)]
     pub fn halt(&self, inputs: Inputs, up: u8, down: u8) -> Option<Halt> {
+        if !inputs.stop && self.limits | self.faults == 0 {
+            return None;
+        }
         let active = self.active(inputs);
         let halt = |cause, lower, upper, fault| Some(Halt { cause, lower, upper, fault });
         let (lower, upper) = (active.lower & self.limits & down, active.upper & self.limits & up);
