@@ -7,13 +7,14 @@ Runs the ELF in the emulator of the board with the calibration of the machine `b
 straight moves of all six motors through home at +-100 k and +-490 k steps/s, and a reversal of every motor. Cycles are
 modelled from the instructions of the handler by the table in m4.py, without wait states and bus contention. With
 --check the figures are compared with those kept in isr_cost.json: more than 5 % above one of them fails, and so does a
-target that is missed. With --keep they are kept.
+target that was met and is missed now. Each target that is missed is named. With --keep they are kept.
 """
 
 import argparse
 import collections
 import ctypes
 import json
+import math
 import pathlib
 import sys
 
@@ -34,7 +35,7 @@ DEADLINE = 168 * SEGMENT_US
 # Segments that are counted at a time.
 SLICE = 25
 # The machine's steps, um and degrees.
-STEP = [0.01] * 3 + [1e-7 * 180 / 3.141592653589793] * 3
+STEP = [0.01] * 3 + [math.degrees(1e-7)] * 3
 # Turned so that the axes need not be faster than the motors: what the rotary stages do at the lever, the slides undo.
 SIGNS = [1, 1, -1, 1, -1, 1]
 # Rate in steps/s, half the window around home and half the way, in steps.
@@ -274,11 +275,18 @@ def show(bench, found, top):
             print(f"  {times / f['segments']:10.1f}  {function}")
 
 
-def complaints(found):
-    """Targets that are missed, and what costs more than what is kept."""
-    kept = json.loads(KEPT.read_text())
+def missed(found):
+    """Targets that are missed."""
     for name, limit in TARGETS.items():
         if found[name]["instructions per step"] > limit:
+            yield f"target missed: {name}: {found[name]['instructions per step']} instructions per step, at most {limit} wanted"
+
+
+def complaints(found):
+    """Targets that were met, and what costs more than what is kept."""
+    kept = json.loads(KEPT.read_text())
+    for name, limit in TARGETS.items():
+        if found[name]["instructions per step"] > limit >= kept[name]["instructions per step"]:
             yield f"{name}: {found[name]['instructions per step']} instructions per step, at most {limit} wanted"
     for name, now in found.items():
         for key in ("instructions per segment", "worst segment, instructions"):
@@ -299,7 +307,7 @@ def main():
     if args.keep:
         KEPT.write_text(json.dumps(found, indent=2) + "\n")
     bad = list(complaints(found)) if args.check else []
-    print("\n".join(bad))
+    print("\n".join([*missed(found), *bad]))
     sys.exit(bool(bad))
 
 
