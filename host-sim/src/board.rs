@@ -415,7 +415,8 @@ impl Board {
             self.latched = false;
         }
         self.arrive();
-        let report = self.generator.attend(&mut self.arrived);
+        let mut report = Report::default();
+        self.generator.attend(&mut self.arrived, &mut report);
         self.played = report.played;
         self.send(report);
         self.carry();

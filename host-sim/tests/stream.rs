@@ -77,7 +77,7 @@ impl StepSink for Hardware {
         self.running = false;
     }
 
-    fn inputs(&self) -> Inputs {
+    fn inputs(&mut self) -> Inputs {
         self.inputs
     }
 }
@@ -118,7 +118,8 @@ impl Desk {
     }
 
     fn service(&mut self, halt: Option<Halt>) {
-        let report = self.stream.service(&mut self.hardware, &mut self.orders, Watch::default(), halt, self.wishes);
+        let mut report = self.last;
+        self.stream.service(&mut self.hardware, &mut self.orders, Watch::default(), halt, self.wishes, &mut report);
         if report.aborts != self.last.aborts {
             self.causes.push(report.halt.cause);
         }

@@ -22,16 +22,26 @@ impl<T: Copy> Mailbox<T> {
         Mailbox { value: UnsafeCell::new(MaybeUninit::uninit()), writes: AtomicU32::new(0) }
     }
 
-    /// Leaves a value.
+    /// Gives it something to [update](Mailbox::update), which is not yet there to be taken.
     ///
     /// # Safety
-    /// In one interrupt alone, which the reader cannot interrupt.
+    /// Before there is a writer or a reader.
+    pub unsafe fn prepare(&self, value: T) {
+        // SAFETY: nobody else has it.
+        unsafe { (*self.value.get()).write(value) };
+    }
+
+    /// Leaves a value, written over the one before.
+    ///
+    /// # Safety
+    /// In one interrupt alone, which the reader cannot interrupt, and after [`Mailbox::prepare`].
     #[inline(always)]
-    pub unsafe fn put(&self, value: &T) {
+    pub unsafe fn update<R>(&self, write: impl FnOnce(&mut T) -> R) -> R {
         // SAFETY: the one writer; a reader that it has interrupted notices by the count.
-        unsafe { core::ptr::copy_nonoverlapping(value, self.value.get().cast::<T>(), 1) };
+        let answer = write(unsafe { (*self.value.get()).assume_init_mut() });
         compiler_fence(Ordering::Release);
         self.writes.store(self.writes.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+        answer
     }
 
     /// The latest value, unless it is the one of `seen`, which is brought up to date.

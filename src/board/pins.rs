@@ -57,7 +57,48 @@ pub const ENABLE: [Pin; AXES] = [Pin(C, 1), Pin(C, 2), Pin(C, 5), Pin(C, 6), Pin
 /// Lights, all on port D: runs, moves, stopped for a fault, traffic.
 pub const LIGHTS: [Pin; 4] = [Pin(D, 12), Pin(D, 13), Pin(D, 14), Pin(D, 15)];
 
+/// Bits of a port's register that carry inputs.
+const fn carried(port: Port) -> u32 {
+    let (mut mask, mut n) = (0, 0);
+    while n < AXES {
+        let mut k = 0;
+        while k < 3 {
+            let pin = [LOWER[n], UPPER[n], FAULT[n]][k];
+            if pin.0 as u8 == port as u8 {
+                mask |= pin.bit();
+            }
+            k += 1;
+        }
+        n += 1;
+    }
+    if STOP.0 as u8 == port as u8 { mask | STOP.bit() } else { mask }
+}
+
+/// Inputs by their meaning; it is found out anew only when a level has changed.
+pub struct Known {
+    levels: [u32; 3],
+    inputs: Inputs,
+}
+
+impl Known {
+    /// From levels.
+    pub fn new(levels: Levels) -> Self {
+        Known { levels: levels.carried(), inputs: levels.inputs() }
+    }
+
+    /// The inputs at these levels.
+    #[inline(always)]
+    pub fn at(&mut self, levels: Levels) -> Inputs {
+        let [a, b, d] = levels.carried();
+        if (a ^ self.levels[0]) | (b ^ self.levels[1]) | (d ^ self.levels[2]) != 0 {
+            *self = Known::new(levels);
+        }
+        self.inputs
+    }
+}
+
 /// Input registers of the ports that carry inputs.
+#[derive(Clone, Copy)]
 pub struct Levels {
     pub a: u32,
     pub b: u32,
@@ -79,7 +120,15 @@ impl Levels {
         port & pin.bit() != 0
     }
 
+    /// The bits that carry inputs.
+    #[inline(always)]
+    fn carried(&self) -> [u32; 3] {
+        const MASKS: [u32; 3] = [carried(A), carried(B), carried(D)];
+        [self.a & MASKS[0], self.b & MASKS[1], self.d & MASKS[2]]
+    }
+
     /// The inputs by their meaning.
+    #[inline(never)]
     pub fn inputs(&self) -> Inputs {
         Inputs { lower: self.of(&LOWER), upper: self.of(&UPPER), fault: self.of(&FAULT), stop: !self.is_high(STOP) }
     }

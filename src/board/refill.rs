@@ -42,13 +42,15 @@ const SWITCH_LINES: u32 = {
 };
 
 /// What the refill owns.
+#[repr(C)] // the large part last, so that the rest lies within the reach of one load
 struct Owned {
-    stream: Stream,
     sink: StepDma,
     orders: Consumer<'static, Order>,
-    last: Report,
+    /// [`Report::marks`] of the last report.
+    marks: [u32; 4],
     /// Refills until the thread is woken although nothing has changed.
     calm: u8,
+    stream: Stream,
 }
 
 /// Memory of the refill alone.
@@ -98,11 +100,12 @@ pub fn start(generator: Generator) -> Border {
     let (orders_in, orders) = DOWN.init(Queue::new()).split();
     // SAFETY: the interrupt that uses it is still masked; the cells above allow one call only.
     unsafe {
+        REPORT.prepare(Report::default());
         (*OWNED.0.get()).write(Owned {
             stream: Stream::new(generator),
             sink: StepDma::new(),
             orders,
-            last: Report::default(),
+            marks: Report::default().marks(),
             calm: 0,
         });
     }
@@ -213,31 +216,44 @@ fn decode(code: u32) -> Option<Halt> {
     Some(Halt { cause, lower, upper, fault })
 }
 
+/// Takes a wish.
+#[inline(always)]
+fn taken(wish: &AtomicBool) -> bool {
+    wish.load(Ordering::Relaxed) && wish.swap(false, Ordering::Relaxed)
+}
+
 #[interrupt]
 fn TIM2() {
     if !STARTED.load(Ordering::Acquire) {
         return;
     }
     // SAFETY: written before STARTED was; this interrupt alone, which does not nest.
-    let Owned { stream, sink, orders, last, calm } = unsafe { (*OWNED.0.get()).assume_init_mut() };
+    let Owned { stream, sink, orders, marks, calm } = unsafe { (*OWNED.0.get()).assume_init_mut() };
     sink.await_border();
-    let wishes = Wishes { pause: PAUSE.load(Ordering::Relaxed), rearm: REARM.swap(false, Ordering::Relaxed) };
+    let wishes = Wishes { pause: PAUSE.load(Ordering::Relaxed), rearm: taken(&REARM) };
     let watch = Watch::from_bits(WATCH.load(Ordering::Relaxed));
-    if HALT.load(Ordering::Relaxed) != 0 {
+    // looked at first: an exchange costs more, and there is hardly ever anything
+    let halt = if HALT.load(Ordering::Relaxed) == 0 {
+        None
+    } else {
         forget_steps();
-    }
-    let halt = decode(HALT.swap(0, Ordering::Relaxed));
-    let report = stream.service(sink, orders, watch, halt, wishes);
-    let (up, down) = stream.stepping();
-    STEPPING.store(u32::from(down) << 8 | u32::from(up), Ordering::Relaxed);
-    STANDING.store(!stream.is_running(), Ordering::Relaxed);
-    let changed = report.differs(last);
-    *last = report;
+        decode(HALT.swap(0, Ordering::Relaxed))
+    };
     // SAFETY: this interrupt alone; the thread cannot interrupt it.
-    unsafe { REPORT.put(last) };
+    let (stepping, now) = unsafe {
+        REPORT.update(|report| {
+            stream.service(sink, orders, watch, halt, wishes, report);
+            (u32::from(report.stepping_down) << 8 | u32::from(report.stepping_up), report.marks())
+        })
+    };
+    STEPPING.store(stepping, Ordering::Relaxed);
+    STANDING.store(!stream.is_running(), Ordering::Relaxed);
     supervision::refill_ran();
     *calm = calm.saturating_sub(1);
-    if changed || *calm == 0 {
+    // not `!=`, which is a call
+    let [a, b, c, d] = *marks;
+    if (now[0] ^ a) | (now[1] ^ b) | (now[2] ^ c) | (now[3] ^ d) != 0 || *calm == 0 {
+        *marks = now;
         *calm = CALM;
         NVIC::pend(WAKER);
     }

@@ -14,6 +14,7 @@
 
 use super::clock::CORE_HZ;
 use super::gpio;
+use super::pins::Known;
 use core::cell::UnsafeCell;
 use core::ptr::addr_of;
 use embassy_stm32::pac;
@@ -59,6 +60,7 @@ pub struct StepDma {
     /// Words counted when TIM2 last wrapped.
     wraps: u64,
     last: u32,
+    known: Known,
 }
 
 /// Stops the step output from anywhere, at once: no word plays after this.
@@ -121,10 +123,11 @@ impl StepDma {
         counter.sr().write_value(Default::default());
         counter.dier().write(|w| w.set_ccie(0, true));
         counter.cr1().modify(|w| w.set_cen(true));
-        StepDma { wraps: 0, last: 0 }
+        StepDma { wraps: 0, last: 0, known: Known::new(gpio::levels()) }
     }
 
     /// Asks for the refill when the segment that plays now has ended; call in the refill.
+    #[inline(always)]
     pub fn await_border(&mut self) {
         let counter = pac::TIM2;
         let count = counter.cnt().read();
@@ -166,6 +169,7 @@ impl StepDma {
 }
 
 impl StepSink for StepDma {
+    #[inline(always)]
     fn played(&mut self) -> u64 {
         let count = pac::TIM2.cnt().read();
         if count < self.last {
@@ -175,6 +179,7 @@ impl StepSink for StepDma {
         self.wraps + u64::from(count)
     }
 
+    #[inline(always)]
     fn slot(&mut self, slot: usize) -> &mut Words {
         // SAFETY: `&mut self` is the only way to the ring for the processor; the stream asks for a segment that neither
         // plays nor is being cleared, or for one that no longer plays.
@@ -219,7 +224,8 @@ impl StepSink for StepDma {
         cortex_m::asm::delay(TICK_CLOCKS);
     }
 
-    fn inputs(&self) -> Inputs {
-        gpio::levels().inputs()
+    #[inline(always)]
+    fn inputs(&mut self) -> Inputs {
+        self.known.at(gpio::levels())
     }
 }

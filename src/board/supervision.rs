@@ -18,7 +18,9 @@ static SEEN: AtomicU8 = AtomicU8::new(0);
 /// The refill ran.
 #[inline(always)]
 pub fn refill_ran() {
-    SEEN.fetch_or(REFILL, Ordering::Relaxed);
+    if SEEN.load(Ordering::Relaxed) & REFILL == 0 {
+        SEEN.fetch_or(REFILL, Ordering::Relaxed);
+    }
 }
 
 /// The controller ended a turn.

@@ -1,5 +1,7 @@
 //! One row of the coupling: a motor's target from coordinates, step size folded in.
 
+use crate::units::AXES;
+
 /// One half in Q32, added once so that the floor of a target is the nearest step.
 pub const HALF: i64 = 1 << 31;
 
@@ -11,7 +13,11 @@ pub const HALF: i64 = 1 << 31;
 /// bit for bit (docs/LAW.md 3). `bits` is 31 to 46.
 #[inline(always)]
 pub fn row<const N: usize>(coefficients: &[i32; N], coordinates: &[i64; N], bits: u8) -> i64 {
-    split_row(coefficients, &coordinates.map(whole), &coordinates.map(part), factor(bits))
+    let dot = |u: [i32; N]| {
+        let products = coefficients.iter().zip(u).map(|(c, u)| i64::from(*c) * i64::from(u));
+        products.fold(0i64, i64::wrapping_add)
+    };
+    target(dot(coordinates.map(whole)), dot(coordinates.map(part)), factor(bits))
 }
 
 /// What brings a sum from Q`bits` to Q29 when the upper half of the product is taken. A law keeps it, because a power of
@@ -20,19 +26,27 @@ pub fn factor(bits: u8) -> i32 {
     1 << (61u32.wrapping_sub(bits.into()) & 31)
 }
 
-/// [`row`] for several motors at once; a leaf of its own, lest the compiler unroll it and run out of registers.
+/// [`row`] for three motors at once; a leaf of its own, lest it make its caller run out of registers.
 #[inline(never)]
-pub fn rows(coefficients: &[[i32; 3]], factors: &[i32], coordinates: &[i64; 3], motors: &mut [i64]) {
-    let (wholes, parts) = (coordinates.map(whole), coordinates.map(part));
-    for ((motor, coefficients), factor) in motors.iter_mut().zip(coefficients).zip(factors) {
-        *motor = split_row(coefficients, &wholes, &parts, *factor);
-    }
+pub fn rows(coefficients: &[[i32; 3]; 3], factors: &[i32; AXES], coordinates: &[i64; 3], motors: &mut [i64; AXES]) {
+    let [x, y, z] = *coordinates;
+    let (wholes, parts) = ([whole(x), whole(y), whole(z)], [part(x), part(y), part(z)]);
+    // written out, because a loop over three products costs more than they do
+    let dot = |[a, b, c]: &[i32; 3], [x, y, z]: &[i32; 3]| {
+        let (x, y, z) = (i64::from(*x), i64::from(*y), i64::from(*z));
+        (i64::from(*a) * x).wrapping_add(i64::from(*b) * y).wrapping_add(i64::from(*c) * z)
+    };
+    let of = |i: usize| target(dot(&coefficients[i], &wholes), dot(&coefficients[i], &parts), factors[i]);
+    motors[0] = of(0);
+    motors[1] = of(1);
+    motors[2] = of(2);
 }
 
 /// [`row`] of one coordinate, with the [`factor`] of its bits.
 #[inline(always)]
 pub fn lone(coefficient: i32, coordinate: i64, factor: i32) -> i64 {
-    split_row(&[coefficient], &[whole(coordinate)], &[part(coordinate)], factor)
+    let times = |u: i32| i64::from(coefficient) * i64::from(u);
+    target(times(whole(coordinate)), times(part(coordinate)), factor)
 }
 
 #[inline(always)]
@@ -45,14 +59,10 @@ fn part(coordinate: i64) -> i32 {
     (coordinate as u32 >> 16) as i32
 }
 
+/// The target from the sums of products of the whole parts and of the fractions.
 #[inline(always)]
-fn split_row<const N: usize>(coefficients: &[i32; N], wholes: &[i32; N], parts: &[i32; N], factor: i32) -> i64 {
-    let dot = |u: &[i32; N]| {
-        let products = coefficients.iter().zip(u).map(|(c, u)| i64::from(*c) * i64::from(*u));
-        products.fold(0i64, i64::wrapping_add)
-    };
-    let sum = dot(wholes).wrapping_add(dot(parts) >> 16);
-    shifted(sum, factor).wrapping_add(HALF)
+fn target(wholes: i64, parts: i64, factor: i32) -> i64 {
+    shifted(wholes.wrapping_add(parts >> 16), factor).wrapping_add(HALF)
 }
 
 /// `sum` from Q`bits` times Q32 to Q29 and from there to Q32: a shift by a variable, as two products. What it drops is

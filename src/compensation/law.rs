@@ -105,23 +105,28 @@ impl Law {
     /// Targets of the motors in Q32.32 steps, one half added.
     #[inline(always)]
     pub fn motors(&self, pose: &FinePose, last: &mut Remembered) -> FineSteps {
+        let mut steps = FineSteps([0; AXES]);
+        self.drive(pose, last, &mut steps);
+        steps
+    }
+
+    /// The same, written over other targets.
+    #[inline(always)]
+    pub fn drive(&self, pose: &FinePose, last: &mut Remembered, steps: &mut FineSteps) {
         let u = &pose.0;
         let angles = [u[3], u[4], u[5]];
-        let change = |(a, b): (&i64, &i64)| a ^ b;
-        if !last.valid || angles.iter().zip(&last.angles).map(change).fold(0, |all, one| all | one) != 0 {
+        let [a, b, c] = last.angles;
+        if !last.valid || (u[3] ^ a) | (u[4] ^ b) | (u[5] ^ c) != 0 {
             last.angles = angles;
             last.valid = true;
             self.rotation.turn(&angles, &mut last.turned);
         }
         let Turned { actuator: q, displacement: c } = &last.turned;
-        let mut steps = FineSteps::default();
         let p = [u[0] - c[0], u[1] - c[1], u[2] - c[2]];
-        let (linear, rotary) = steps.0.split_at_mut(3);
-        rows(&self.slides, &self.factors[..3], &p, linear);
-        for (i, (m, q)) in rotary.iter_mut().zip(q).enumerate() {
-            *m = lone(self.gain[i], *q, self.factors[3 + i]);
-        }
-        steps
+        rows(&self.slides, &self.factors, &p, &mut steps.0);
+        steps.0[3] = lone(self.gain[0], q[0], self.factors[3]);
+        steps.0[4] = lone(self.gain[1], q[1], self.factors[4]);
+        steps.0[5] = lone(self.gain[2], q[2], self.factors[5]);
     }
 
     /// [`Law::motors`] as a call: for planning, of which the refill must not pay for the size.

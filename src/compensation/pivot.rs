@@ -81,22 +81,29 @@ impl Link {
     /// Adds to the displacement of the pivot (Q36 nm) what a turn about the line by an angle in 1/16 nrad makes.
     #[inline(never)]
     fn turn(&self, q: i32, displacement: &mut [i64; 3]) {
-        let mut lever = self.lever;
-        for (r, way) in lever.iter_mut().zip(&*displacement) {
-            *r = r.wrapping_add((way >> 32) as i32); // Q36 to 1/16 nm
-        }
-        swing(q, &self.arms(lever), displacement);
+        let [x, y, z] = self.lever;
+        let [a, b, c] = displacement;
+        let moved = |r: i32, way: &i64| r.wrapping_add((*way >> 32) as i32); // Q36 to 1/16 nm
+        swing(q, &self.arms([moved(x, a), moved(y, b), moved(z, c)]), displacement);
     }
+}
+
+/// Adds a column times a term. Without a loop, which costs more than what is in it when the compiler is to be short.
+#[inline(always)]
+fn add_column(sums: &mut [i64; 3], [x, y, z]: &[i32; 3], term: i32) {
+    let [a, b, c] = sums;
+    *a += i64::from(*x) * i64::from(term);
+    *b += i64::from(*y) * i64::from(term);
+    *c += i64::from(*z) * i64::from(term);
 }
 
 /// Adds what a turn by an angle in 1/16 nrad makes of the [arms](Link::arms).
 #[inline(always)]
 fn swing(q: i32, [first, second]: &[[i32; 3]; 2], displacement: &mut [i64; 3]) {
     let (sine, versine) = sine_versine(q);
-    for (sum, (first, second)) in displacement.iter_mut().zip(first.iter().zip(second)) {
-        // Q33 * 1/8 nm and Q34 * 1/4 nm
-        *sum += i64::from(sine) * i64::from(*first) + i64::from(versine) * i64::from(*second);
-    }
+    // Q33 * 1/8 nm and Q34 * 1/4 nm
+    add_column(displacement, first, sine);
+    add_column(displacement, second, versine);
 }
 
 /// What the rotary stages do to orientation and to the fibre point.
@@ -173,43 +180,37 @@ impl Rotary {
         self.actuator_angles(angles, &mut turned.actuator);
         let mut displacement = [0; 3];
         if self.held {
-            let q = turned.actuator.map(sixteenths);
-            let angle = |which: usize| q.get(which).copied().unwrap_or(0);
+            let angle = |which: usize| sixteenths(turned.actuator.get(which).copied().unwrap_or(0));
+            let [middle, base] = &self.links;
             swing(angle(self.tip), &self.arms, &mut displacement);
-            for link in &self.links {
-                link.turn(angle(link.angle), &mut displacement);
-            }
+            middle.turn(angle(middle.angle), &mut displacement);
+            base.turn(angle(base.angle), &mut displacement);
         }
-        turned.displacement = displacement.map(|c| c >> (SUM_BITS - 32));
+        let [x, y, z] = displacement;
+        turned.displacement = [x >> (SUM_BITS - 32), y >> (SUM_BITS - 32), z >> (SUM_BITS - 32)];
     }
 
     /// q_a = W^-1 a + second-order term.
     #[inline(never)]
     fn actuator_angles(&self, angles: &[i64; 3], actuator: &mut [i64; 3]) {
-        let [a, b, c] = angles.map(sixteenths);
+        let [a, b, c] = [sixteenths(angles[0]), sixteenths(angles[1]), sixteenths(angles[2])];
         // A square taken negative is not known to be positive: the compiler would make it unsigned, and its product
         // with a signed number two instructions longer.
         let negative_square = |x: i32| mul_high(x, x.wrapping_neg());
-        let terms = [
-            a,
-            b,
-            c,
-            negative_square(a),
-            negative_square(b),
-            negative_square(c),
-            mul_high(a, b),
-            mul_high(a, c),
-            mul_high(b, c),
-        ];
+        let [tilt @ .., xx, yy, zz, xy, xz, yz] = &self.columns;
         let mut sums = [0i64; 3]; // 2^-36 nrad
-        for (term, column) in terms.iter().zip(&self.columns) {
-            for (sum, factor) in sums.iter_mut().zip(column) {
-                *sum += i64::from(*factor) * i64::from(*term);
-            }
-        }
-        for ((q, angle), sum) in actuator.iter_mut().zip(angles).zip(sums) {
-            *q = angle + (sum >> 4);
-        }
+        add_column(&mut sums, &tilt[0], a);
+        add_column(&mut sums, &tilt[1], b);
+        add_column(&mut sums, &tilt[2], c);
+        add_column(&mut sums, xx, negative_square(a));
+        add_column(&mut sums, yy, negative_square(b));
+        add_column(&mut sums, zz, negative_square(c));
+        add_column(&mut sums, xy, mul_high(a, b));
+        add_column(&mut sums, xz, mul_high(a, c));
+        add_column(&mut sums, yz, mul_high(b, c));
+        actuator[0] = angles[0] + (sums[0] >> 4);
+        actuator[1] = angles[1] + (sums[1] >> 4);
+        actuator[2] = angles[2] + (sums[2] >> 4);
     }
 
     /// The second-order term by its six products, per radian times 2^60 / 10^9 but for signs.

@@ -136,9 +136,18 @@ pub struct Report {
 impl Report {
     /// True when it tells of more than the march of time and counts: what moves, rests, is known or was answered.
     pub fn differs(&self, before: &Report) -> bool {
-        let state = |r: &Report| {
-            (r.answered, r.aborts, r.moving, r.taking_up, r.negative, r.known, r.owing, r.settled, r.inputs, r.latched)
-        };
-        state(self) != state(before)
+        self.marks() != before.marks()
+    }
+
+    /// What makes one report [differ](Report::differs) from another.
+    #[inline(always)]
+    pub fn marks(&self) -> [u32; 4] {
+        let Inputs { lower, upper, fault, stop } = self.inputs;
+        [
+            u32::from(self.answered) << 16 | u32::from(self.aborts),
+            u32::from_le_bytes([self.moving, self.taking_up, self.negative, self.known]),
+            u32::from_le_bytes([self.owing, u8::from(self.settled), u8::from(self.latched), u8::from(stop)]),
+            u32::from_le_bytes([lower, upper, fault, 0]),
+        ]
     }
 }

@@ -31,6 +31,13 @@ struct Running {
     axes: u8,
 }
 
+impl Running {
+    /// The border at which it ends.
+    fn end(&self) -> u64 {
+        self.start + u64::from(self.track.profile.duration())
+    }
+}
+
 /// Where a motor stands at a border of segments: what a roll-back needs, small enough to be copied in a few
 /// instructions.
 #[derive(Clone, Copy, Debug, Default)]
@@ -48,6 +55,8 @@ struct Standing {
 struct Motor {
     /// At the end of what was generated.
     now: Standing,
+    /// At the start of each of the last segments.
+    starts: [Standing; HISTORY],
     take_up: TakeUp,
     config: PlayConfig,
     line: Line,
@@ -63,22 +72,17 @@ struct Flags {
     owing: u8,
 }
 
-/// What reports say of a border of segments.
-#[derive(Clone, Copy, Debug, Default)]
-struct Brief {
-    /// Counts, overlay included.
-    counts: MotorSteps,
-    /// Counts without overlay.
-    steps: MotorSteps,
-    flags: Flags,
-}
-
-/// State at the start of a segment, for reports and for the roll-back.
+/// What reports say of the start of a segment beside where the motors stand.
 #[derive(Clone, Copy, Debug, Default)]
 struct Start {
     segment: u64,
-    brief: Brief,
-    motors: [Standing; AXES],
+    flags: Flags,
+}
+
+/// Where the start of a segment is remembered.
+#[inline(always)]
+fn place_of(segment: u64) -> usize {
+    segment as usize % HISTORY
 }
 
 /// Motors that stepped up, down, in each of the last eight segments: a byte a segment, the last one lowest.
@@ -97,36 +101,42 @@ impl Stepping {
 
     /// Motors that stepped up, down, in any of the last segments.
     #[inline(always)]
-    fn last(&self, segments: u64) -> (u8, u8) {
-        let kept = match segments {
-            0 => return (0, 0),
-            1..=7 => (1 << (8 * segments)) - 1,
-            _ => u64::MAX,
-        };
-        let any = |history: u64| {
-            let half = (history & kept) as u32 | ((history & kept) >> 32) as u32;
-            let quarter = half | half >> 16;
-            (quarter | quarter >> 8) as u8
-        };
+    fn last(&self, segments: u32) -> (u8, u8) {
+        // the ring holds four: anything else is rare
+        if segments > 4 {
+            return self.of_many(segments);
+        }
+        let kept = (0xFFFF_FFFFu64 << (8 * segments) >> 32) as u32;
+        (any(self.up as u32 & kept), any(self.down as u32 & kept))
+    }
+
+    #[inline(never)]
+    fn of_many(&self, segments: u32) -> (u8, u8) {
+        let kept = if segments < 8 { (1 << (8 * segments)) - 1 } else { u64::MAX };
+        let any = |history: u64| any((history & kept) as u32 | ((history & kept) >> 32) as u32);
         (any(self.up), any(self.down))
     }
 }
 
+/// The four bytes of a word, all in one.
+#[inline(always)]
+fn any(bytes: u32) -> u8 {
+    let half = bytes | bytes >> 16;
+    (half | half >> 8) as u8
+}
+
 /// Profile, law, backlash and placement of all motors.
+///
+/// In the order of declaration: what every segment touches lies within the reach of one load.
+#[repr(C)]
 pub struct Generator {
-    law: Law,
-    remembered: Remembered,
-    base: FinePose,
-    tracks: [Running; SLOTS],
     /// Bit n: slot n has a track.
     running: u8,
     /// Axes that the tracks move, bit n = axis n.
     moving: u8,
-    motors: [Motor; AXES],
     /// A step waits.
     waiting: bool,
-    brief: Brief,
-    overlay: [i32; AXES],
+    flags: Flags,
     timing: Timing,
     segment: u64,
     /// The last segment with a track, a take-up or a waiting step in it, plus one.
@@ -139,9 +149,18 @@ pub struct Generator {
     /// Segments completely played, as far as known.
     played: u64,
     stepping: Stepping,
-    history: [Start; HISTORY],
     /// How many of the last entries of the history say what is the case now.
     steady: u8,
+    base: FinePose,
+    /// The first border at which a track ends.
+    next_end: u64,
+    /// The law's targets at the end of the segment in the making.
+    ahead: FineSteps,
+    remembered: Remembered,
+    law: Law,
+    motors: [Motor; AXES],
+    history: [Start; HISTORY],
+    tracks: [Running; SLOTS],
 }
 
 impl Generator {
@@ -149,6 +168,7 @@ impl Generator {
     pub fn new(law: Law, timing: Timing) -> Self {
         let motor = |line: Line| Motor {
             now: Standing { target: HALF, position: HALF, ..Standing::default() },
+            starts: [Standing::default(); HISTORY],
             take_up: TakeUp::default(),
             config: PlayConfig::default(),
             line,
@@ -158,12 +178,13 @@ impl Generator {
             remembered: Remembered::default(),
             base: FinePose::default(),
             tracks: [Running::default(); SLOTS],
+            next_end: u64::MAX,
+            ahead: FineSteps::default(),
             running: 0,
             moving: 0,
             motors: timing.lines().map(motor),
             waiting: false,
-            brief: Brief::default(),
-            overlay: [0; AXES],
+            flags: Flags::default(),
             timing,
             segment: 0,
             busy_until: 0,
@@ -182,17 +203,20 @@ impl Generator {
 
     /// Writes the words of the next segment. `played`: segments completely played so far.
     pub fn refill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
-        self.fill(orders, played, words, false)
+        self.fill(orders, played, words, false);
+        self.report(played)
     }
 
     /// [`Generator::refill`] for words that hardware has cleared: each is
     /// [`RESET_STEPS`](crate::stepgen::pins::RESET_STEPS), which is what [`clear`] writes on a grid of one tick.
-    pub fn refill_cleared(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) -> Report {
+    /// Leaves the report to [`Generator::tell`].
+    #[inline(always)]
+    pub fn refill_cleared(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words) {
         self.fill(orders, played, words, true)
     }
 
     #[inline(always)]
-    fn fill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words, cleared: bool) -> Report {
+    fn fill(&mut self, orders: &mut impl Orders, played: u64, words: &mut Words, cleared: bool) {
         self.played = played;
         if orders.peek().is_some() {
             self.take_orders(orders);
@@ -201,79 +225,65 @@ impl Generator {
             clear(words, &self.timing);
         }
         let moving = self.running != 0;
-        if moving || self.waiting || self.brief.flags.taking_up != 0 {
+        if moving || self.waiting || self.flags.taking_up != 0 {
             if self.segment > self.busy_until + 2 {
                 self.motors.iter_mut().for_each(|motor| motor.now.emitter.rested(first_tick(self.segment)));
             }
-            let targets = if moving { self.next_targets() } else { self.targets() };
-            self.follow(&targets, moving, words);
+            if moving {
+                let pose = self.advance_tracks();
+                self.law.drive(&pose, &mut self.remembered, &mut self.ahead);
+            } else {
+                self.ahead = self.targets();
+            }
+            self.follow(moving, words);
             self.busy_until = self.segment + 1;
             self.steady = 0;
         } else {
             self.stand();
         }
         self.segment += 1;
-        self.report(played)
-    }
-
-    /// The law's targets at the end of this segment.
-    #[inline(always)]
-    fn next_targets(&mut self) -> FineSteps {
-        let pose = self.advance_tracks();
-        self.law.motors(&pose, &mut self.remembered)
     }
 
     /// One segment of motion: remembers every motor, takes up its play and places its steps. Unless `moving` only
     /// the overlays move.
     #[inline(always)]
-    fn follow(&mut self, targets: &FineSteps, moving: bool, words: &mut Words) {
+    fn follow(&mut self, moving: bool, words: &mut Words) {
         let base = first_tick(self.segment);
-        let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
-        start.segment = self.segment;
-        start.brief = self.brief;
-        let (motors, starts) = (&mut self.motors, &mut start.motors);
-        let news = if self.timing.grid() == 1 {
-            follow_all::<true>(motors, starts, &targets.0, moving, base, words)
+        let place = place_of(self.segment);
+        self.history[place] = Start { segment: self.segment, flags: self.flags };
+        // no longer known to be a static: its address would be put together anew for every motor
+        let motors = core::hint::black_box(&mut self.motors);
+        let (news, mut up, mut down) = if self.timing.grid() == 1 {
+            follow_all::<true>(motors, place, &self.ahead.0, moving, base, words)
         } else {
-            follow_all::<false>(motors, starts, &targets.0, moving, base, words)
+            follow_all::<false>(motors, place, &self.ahead.0, moving, base, words)
         };
-        self.brief.flags.moving = self.moving;
-        let before = self.brief.counts;
+        self.flags.moving = self.moving;
         if news {
             self.look_at_motors();
-        } else {
-            for (i, motor) in self.motors.iter().enumerate() {
-                self.brief.counts.0[i] = (motor.now.position >> 32) as i32;
-                self.brief.steps.0[i] = (motor.now.target >> 32) as i32;
-            }
-        }
-        self.note_stepping(&before);
-    }
-
-    /// Which motors this segment steps, or owes a step, from the counts at its start.
-    #[inline(always)]
-    fn note_stepping(&mut self, before: &MotorSteps) {
-        let (mut up, mut down) = (0, 0);
-        for (i, (now, before)) in self.brief.counts.0.iter().zip(&before.0).enumerate() {
-            let by = now.wrapping_sub(*before);
-            up |= u8::from(by > 0) << i;
-            down |= u8::from(by < 0) << i;
-        }
-        if self.waiting {
-            for (i, motor) in self.motors.iter().enumerate() {
-                up |= u8::from(motor.now.emitter.waiting() > 0) << i;
-                down |= u8::from(motor.now.emitter.waiting() < 0) << i;
-            }
+            (up, down) = self.stepped();
         }
         self.stepping.push(up, down);
+    }
+
+    /// Which motors this segment steps, or owes a step, when some step waits or has waited.
+    #[inline(never)]
+    fn stepped(&self) -> (u8, u8) {
+        let (mut up, mut down) = (0, 0);
+        for (i, Motor { now, starts, .. }) in self.motors.iter().enumerate() {
+            let by = now.emitter.emitted().wrapping_sub(starts[place_of(self.segment)].emitter.emitted());
+            let waiting = now.emitter.waiting();
+            up |= u8::from(by > 0 || waiting > 0) << i;
+            down |= u8::from(by < 0 || waiting < 0) << i;
+        }
+        (up, down)
     }
 
     /// A segment in which nothing moves.
     #[inline(always)]
     fn stand(&mut self) {
         self.stepping.push(0, 0);
-        let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
-        start.segment = self.segment;
+        self.history[place_of(self.segment)].segment = self.segment;
         if usize::from(self.steady) < HISTORY {
             self.come_to_rest();
         }
@@ -282,10 +292,12 @@ impl Generator {
     /// One of the first segments in which nothing moves.
     #[inline(never)]
     fn come_to_rest(&mut self) {
-        let Some(start) = self.history.get_mut((self.segment % HISTORY as u64) as usize) else { return };
+        let place = place_of(self.segment);
         self.steady += 1;
-        start.brief = self.brief;
-        start.motors = self.motors.map(|motor| motor.now);
+        self.history[place].flags = self.flags;
+        for motor in &mut self.motors {
+            motor.starts[place] = motor.now;
+        }
     }
 
     /// What reports say of the motors and what waits, after something has happened to one.
@@ -295,56 +307,59 @@ impl Generator {
         self.waiting = false;
         for (i, Motor { now, config, .. }) in self.motors.iter().enumerate() {
             self.waiting |= now.emitter.waiting() != 0;
-            self.overlay[i] = now.play.overlay();
-            self.brief.counts.0[i] = now.emitter.emitted();
-            self.brief.steps.0[i] = (now.target >> 32) as i32;
             flags.taking_up |= u8::from(now.play.is_taking_up()) << i;
             flags.negative |= u8::from(now.play.flank() == Flank::Negative) << i;
             flags.known |= u8::from(now.play.is_known()) << i;
             flags.owing |= u8::from(now.play.owes(config)) << i;
         }
-        self.brief.flags = flags;
+        self.flags = flags;
     }
 
     /// The pose at the end of this segment; tracks that end are merged into the base, exactly.
     #[inline(always)]
     fn advance_tracks(&mut self) -> FinePose {
         let border = self.segment + 1;
+        if border >= self.next_end {
+            self.end_tracks(border);
+        }
         let mut pose = self.base;
         let mut left = self.running;
         while left != 0 {
             let slot = left.trailing_zeros() as usize;
             left &= left - 1;
             let Some(running) = self.tracks.get_mut(slot) else { break };
-            let elapsed = (border - running.start).min(u64::from(u32::MAX)) as u32;
-            if elapsed < running.track.profile.duration() {
-                let position = running.track.profile.position(elapsed, &mut running.cursor);
-                running.track.add_to(&mut pose, position);
-            } else {
-                self.end(slot, &mut pose);
-            }
+            // none that runs has ended, so that it fits
+            let elapsed = border.wrapping_sub(running.start) as u32;
+            let position = running.track.profile.position(elapsed, &mut running.cursor);
+            running.track.add_to(&mut pose, position);
         }
         pose
     }
 
-    /// A track has come to its end, which goes into the base.
+    /// Tracks that come to their end go into the base.
     #[cold]
     #[inline(never)]
-    fn end(&mut self, slot: usize, pose: &mut FinePose) {
-        if let Some(Running { track, .. }) = self.tracks.get(slot) {
-            for ((u, base), end) in pose.0.iter_mut().zip(&mut self.base.0).zip(&track.end) {
-                *u = u.wrapping_add(*end);
-                *base = base.wrapping_add(*end);
+    fn end_tracks(&mut self, border: u64) {
+        for (slot, running) in self.tracks.iter().enumerate() {
+            if self.running >> slot & 1 != 0 && border >= running.end() {
+                for (base, end) in self.base.0.iter_mut().zip(&running.track.end) {
+                    *base = base.wrapping_add(*end);
+                }
+                self.running &= !(1 << slot);
             }
         }
-        self.running &= !(1 << slot);
         self.look_at_tracks();
     }
 
-    /// Which axes move.
+    /// Which axes move, and until when nothing ends.
     fn look_at_tracks(&mut self) {
-        let runs = |slot: &usize| self.running >> slot & 1 != 0;
-        self.moving = (0..SLOTS).filter(runs).fold(0, |mask, slot| mask | self.tracks[slot].axes);
+        (self.moving, self.next_end) = (0, u64::MAX);
+        for (slot, running) in self.tracks.iter().enumerate() {
+            if self.running >> slot & 1 != 0 {
+                self.moving |= running.axes;
+                self.next_end = self.next_end.min(running.end());
+            }
+        }
     }
 
     #[inline(never)]
@@ -437,9 +452,11 @@ impl Generator {
         self.moving = 0;
         self.look_at_motors();
         // what is still to be played is silence: reports and an abort in it speak of the new counts
-        let (motors, brief) = (self.motors.map(|motor| motor.now), self.brief);
+        for motor in &mut self.motors {
+            motor.starts = [motor.now; HISTORY];
+        }
         for start in &mut self.history {
-            *start = Start { segment: start.segment, brief, motors };
+            start.flags = self.flags;
         }
     }
 
@@ -449,13 +466,13 @@ impl Generator {
     pub fn abort(&mut self, segment: u64, tick: usize, words: &Words) {
         let tick = tick.min(SEGMENT_TICKS);
         let ends = match self.start_of(segment + 1) {
-            Some(next) => next.motors.map(|now| (now.target, now.position)),
+            Some(_) => self.motors.map(|m| m.starts[place_of(segment + 1)]).map(|at| (at.target, at.position)),
             None => self.motors.map(|motor| (motor.now.target, motor.now.position)),
         };
         self.aborts = self.aborts.wrapping_add(1);
         self.running = 0;
         let (start, words, tick) = match self.start_of(segment) {
-            Some(start) => (start.motors, words, tick),
+            Some(_) => (self.motors.map(|motor| motor.starts[place_of(segment)]), words, tick),
             None => (self.motors.map(|motor| motor.now), &[0; SEGMENT_TICKS], 0),
         };
         let at = |from: i64, to: i64| from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64;
@@ -481,18 +498,18 @@ impl Generator {
         self.stepping = Stepping::default();
     }
 
+    #[inline(always)]
     fn start_of(&self, segment: u64) -> Option<&Start> {
-        self.history
-            .get((segment % HISTORY as u64) as usize)
-            .filter(|start| start.segment == segment && segment < self.segment)
+        let start = &self.history[place_of(segment)];
+        (start.segment == segment && segment < self.segment).then_some(start)
     }
 
     /// Takes orders and reports, while nothing plays and no segment is made.
-    pub fn attend(&mut self, orders: &mut impl Orders) -> Report {
+    pub fn attend(&mut self, orders: &mut impl Orders, report: &mut Report) {
         if orders.peek().is_some() {
             self.take_orders(orders);
         }
-        self.report(self.segment)
+        self.tell(self.segment, report);
     }
 
     /// The segment that is generated next.
@@ -502,38 +519,63 @@ impl Generator {
 
     /// Motors that may be stepping up, down, in what plays or waits to be played.
     pub fn stepping(&self) -> (u8, u8) {
-        self.stepping.last(self.segment.saturating_sub(self.played))
+        self.stepping.last(self.segment.saturating_sub(self.played) as u32)
     }
 
     /// State at the end of the segments completely played, of which there are `played`.
-    #[inline(always)]
     pub fn report(&self, played: u64) -> Report {
-        let Brief { counts, steps, flags } = match self.start_of(played) {
-            Some(start) => &start.brief,
-            None => &self.brief,
+        let mut report = Report::default();
+        self.tell(played, &mut report);
+        report
+    }
+
+    /// The same, written over another report; what the stream knows stays.
+    #[inline(always)]
+    pub fn tell(&self, played: u64, report: &mut Report) {
+        let flags = match self.start_of(played) {
+            Some(start) => {
+                let place = place_of(played);
+                self.count(|motor| &motor.starts[place], report);
+                &start.flags
+            }
+            None => {
+                self.count_now(report);
+                &self.flags
+            }
         };
-        let (stepping_up, stepping_down) = self.stepping.last(self.segment.saturating_sub(played));
-        Report {
-            next: self.segment,
-            played,
-            answered: self.answered,
-            refused: self.refused,
-            counts: *counts,
-            steps: *steps,
-            final_steps: self.brief.steps,
-            moving: flags.moving,
-            taking_up: flags.taking_up,
-            negative: flags.negative,
-            known: flags.known,
-            owing: flags.owing,
-            overlay: self.overlay,
-            settled: played >= self.busy_until,
-            aborts: self.aborts,
-            halted: self.halted,
-            stepping_up,
-            stepping_down,
-            ..Report::default()
-        }
+        (report.next, report.played) = (self.segment, played);
+        (report.answered, report.refused) = (self.answered, self.refused);
+        (report.moving, report.taking_up, report.negative) = (flags.moving, flags.taking_up, flags.negative);
+        (report.known, report.owing) = (flags.known, flags.owing);
+        report.settled = played >= self.busy_until;
+        (report.aborts, report.halted) = (self.aborts, self.halted);
+        (report.stepping_up, report.stepping_down) =
+            self.stepping.last((self.segment as u32).wrapping_sub(played as u32));
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn count_now(&self, report: &mut Report) {
+        self.count(|motor| &motor.now, report);
+    }
+
+    /// What a report says motor by motor; `then` is where a motor stood when what was played had been played.
+    #[inline(always)]
+    fn count(&self, then: impl Fn(&Motor) -> &Standing, report: &mut Report) {
+        // written out, because a loop over five arrays costs more than what is in it
+        let mut one = |i: usize| {
+            let (motor, then) = (&self.motors[i], then(&self.motors[i]));
+            report.counts.0[i] = then.emitter.emitted();
+            report.steps.0[i] = (then.target >> 32) as i32;
+            report.final_steps.0[i] = (motor.now.target >> 32) as i32;
+            report.overlay[i] = motor.now.play.overlay();
+        };
+        one(0);
+        one(1);
+        one(2);
+        one(3);
+        one(4);
+        one(5);
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests
@@ -554,20 +596,21 @@ impl Generator {
     }
 }
 
-/// One segment of every motor to new targets: true where a play or an emitter has news. A leaf of its own with
-/// slices, lest the compiler unroll the motors and run out of registers. `UNIT`: the grid is one tick.
+/// One segment of every motor to new targets: true where a play or an emitter has news, and the motors that step up,
+/// down, if none has. A leaf of its own with slices, lest the compiler unroll the motors and run out of registers.
+/// `place`: where the start of this segment is remembered. `UNIT`: the grid is one tick.
 #[inline(never)]
 fn follow_all<const UNIT: bool>(
     motors: &mut [Motor],
-    starts: &mut [Standing],
+    place: usize,
     targets: &[i64],
     moving: bool,
     base: u32,
     words: &mut Words,
-) -> bool {
-    let mut any = false;
-    for ((Motor { now, take_up, config, line }, start), target) in motors.iter_mut().zip(starts).zip(targets) {
-        *start = *now;
+) -> (bool, u8, u8) {
+    let (mut any, mut signs) = (false, 0u32);
+    for (Motor { now, starts, take_up, config, line }, target) in motors.iter_mut().zip(targets) {
+        starts[place % HISTORY] = *now;
         now.target = *target;
         let whole = (*target >> 32) as i32;
         let overlay = if now.play.goes_on(whole) {
@@ -581,11 +624,15 @@ fn follow_all<const UNIT: bool>(
         };
         let from = now.position;
         now.position = target.wrapping_add(overlay);
+        let by = ((now.position >> 32) as i32).wrapping_sub((from >> 32) as i32);
+        // a bit for upwards in the upper half, for downwards in the lower one; the last motor's come to lie lowest
+        signs = signs << 1 | by.wrapping_neg() as u32 >> 31 << 16 | by as u32 >> 31;
         if now.emitter.place::<UNIT>(line, from, now.position, base, words) {
             any = true;
         }
     }
-    any
+    let half = |signs: u32| (signs.reverse_bits() >> (32 - AXES)) as u8;
+    (any, half(signs >> 16), half(signs))
 }
 
 /// Tick of the first word of a segment; wraps.

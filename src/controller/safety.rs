@@ -38,6 +38,7 @@ pub struct Watch {
 
 impl Watch {
     /// Switches and faults that are active, watched or not.
+    #[inline(always)]
     pub fn active(&self, inputs: Inputs) -> Inputs {
         Inputs {
             lower: !(inputs.lower ^ self.limits_high) & ALL,
@@ -49,7 +50,11 @@ impl Watch {
 
     /// What the motors are to be stopped for, if anything. `up`, `down`: motors that may be stepping that way in the
     /// words that play or wait to be played.
+    #[inline(always)]
     pub fn halt(&self, inputs: Inputs, up: u8, down: u8) -> Option<Halt> {
+        if !inputs.stop && self.limits | self.faults == 0 {
+            return None;
+        }
         let active = self.active(inputs);
         let halt = |cause, lower, upper, fault| Some(Halt { cause, lower, upper, fault });
         let (lower, upper) = (active.lower & self.limits & down, active.upper & self.limits & up);

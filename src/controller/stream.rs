@@ -41,7 +41,7 @@ pub trait StepSink {
     /// No word plays after this.
     fn stop(&mut self);
     /// Levels of the inputs.
-    fn inputs(&self) -> Inputs;
+    fn inputs(&mut self) -> Inputs;
 }
 
 /// What the thread asks of the stream.
@@ -65,12 +65,13 @@ enum State {
 }
 
 /// Keeps the ring filled.
+#[repr(C)] // the large part last, so that the rest lies within the reach of one load
 pub struct Stream {
-    generator: Generator,
     /// Segment in the first place of the ring at the last start.
     origin: u64,
     state: State,
     halt: Halt,
+    generator: Generator,
 }
 
 impl Stream {
@@ -84,12 +85,9 @@ impl Stream {
         self.state == State::Running
     }
 
-    /// Motors that may be stepping up, down, in the words that play or wait.
-    pub fn stepping(&self) -> (u8, u8) {
-        self.generator.stepping()
-    }
-
     /// Does what is due; call once a segment, and after every stop. `halt`: why somebody has stopped the hardware.
+    /// `report`: the last one, which is written over.
+    #[inline(always)]
     pub fn service(
         &mut self,
         sink: &mut impl StepSink,
@@ -97,22 +95,43 @@ impl Stream {
         watch: Watch,
         halt: Option<Halt>,
         wishes: Wishes,
-    ) -> Report {
+        report: &mut Report,
+    ) {
         let inputs = sink.inputs();
+        let mut playing = None;
         if self.state == State::Running {
-            let (up, down) = self.stepping();
-            let halt = halt.or_else(|| watch.halt(inputs, up, down)).or_else(|| self.late(sink));
+            let at = self.position(sink);
+            let (up, down) = (report.stepping_up, report.stepping_down);
+            let halt = halt.or_else(|| watch.halt(inputs, up, down)).or_else(|| self.late(at));
             match halt {
                 Some(halt) => self.roll_back(sink, orders, halt),
                 None if wishes.pause => {
                     sink.stop();
                     self.state = State::Paused;
                 }
-                None => self.fill(sink, orders),
+                None => playing = self.fill(sink, orders, at.0),
             }
         } else if halt.is_some_and(|halt| halt.cause == Cause::EmergencyStop) && self.state == State::Paused {
             self.latch(Halt { cause: Cause::EmergencyStop, ..Halt::default() });
         }
+        if let Some(segment) = playing {
+            self.generator.tell(segment, report);
+        } else {
+            self.stand(sink, orders, inputs, wishes, report);
+        }
+        (report.halt, report.inputs, report.latched) = (self.halt, inputs, self.state == State::Latched);
+    }
+
+    /// Nothing was filled, because the stream stands or was begun anew.
+    #[inline(never)]
+    fn stand(
+        &mut self,
+        sink: &mut impl StepSink,
+        orders: &mut impl Orders,
+        inputs: Inputs,
+        wishes: Wishes,
+        report: &mut Report,
+    ) {
         match self.state {
             State::Idle if inputs.stop => self.latch(Halt { cause: Cause::EmergencyStop, ..Halt::default() }),
             State::Idle => self.restart(sink, orders),
@@ -120,47 +139,53 @@ impl Stream {
             State::Latched if wishes.rearm && !inputs.stop => self.restart(sink, orders),
             State::Running | State::Latched | State::Paused => {}
         }
-        let played = match self.state {
-            State::Running => self.origin + sink.played() / SEGMENT_TICKS as u64,
-            _ => self.generator.next_segment(),
-        };
-        let report = match self.state {
-            State::Running => self.generator.report(played),
-            _ => self.generator.attend(orders),
-        };
-        Report { halt: self.halt, inputs, latched: self.state == State::Latched, ..report }
+        match self.state {
+            State::Running => self.generator.tell(self.position(sink).0, report),
+            _ => self.generator.attend(orders, report),
+        }
     }
 
     /// The segment that plays, and the words of it that have.
+    #[inline(always)]
     fn position(&self, sink: &mut impl StepSink) -> (u64, usize) {
         let played = sink.played();
         (self.origin + played / SEGMENT_TICKS as u64, (played % SEGMENT_TICKS as u64) as usize)
     }
 
-    /// True when the next segment cannot be ready in time.
-    fn late(&self, sink: &mut impl StepSink) -> Option<Halt> {
-        let (segment, tick) = self.position(sink);
+    /// What there is to say when the next segment cannot be ready in time.
+    #[inline(always)]
+    fn late(&self, (segment, tick): (u64, usize)) -> Option<Halt> {
         let due = self.generator.next_segment();
-        let left = (due.saturating_sub(segment) * SEGMENT_TICKS as u64).saturating_sub(tick as u64);
-        (left < MARGIN).then_some(Halt { cause: Cause::Deadline, ..Halt::default() })
+        // ticks left; neither lies far from the other
+        let left = (due.wrapping_sub(segment) as i32).wrapping_mul(SEGMENT_TICKS as i32) - tick as i32;
+        (left < MARGIN as i32).then_some(Halt { cause: Cause::Deadline, ..Halt::default() })
     }
 
-    fn fill(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders) {
-        let (segment, _) = self.position(sink);
-        while self.generator.next_segment() <= segment + AHEAD {
+    /// Makes what is missing while a segment plays; answers which plays afterwards, none when it has come too late.
+    #[inline(always)]
+    fn fill(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders, segment: u64) -> Option<u64> {
+        let mut plays = segment;
+        // neither lies far from the other
+        while (self.generator.next_segment() as u32).wrapping_sub(segment as u32) as i32 <= AHEAD as i32 {
             let made = self.generator.next_segment();
             self.make(sink, orders, segment);
-            if self.position(sink).0 >= made {
-                return self.roll_back(sink, orders, Halt { cause: Cause::Output, ..Halt::default() });
+            plays = self.position(sink).0;
+            if plays >= made {
+                self.roll_back(sink, orders, Halt { cause: Cause::Output, ..Halt::default() });
+                return None;
             }
         }
+        Some(plays)
     }
 
+    #[inline(never)]
     fn make(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders, played: u64) {
         let slot = (self.generator.next_segment() - self.origin) % RING as u64;
         self.generator.refill_cleared(orders, played, sink.slot(slot as usize));
     }
 
+    #[cold]
+    #[inline(never)]
     fn roll_back(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders, halt: Halt) {
         sink.stop();
         let (segment, tick) = self.position(sink);
@@ -175,6 +200,8 @@ impl Stream {
     }
 
     /// An emergency stop while nothing plays.
+    #[cold]
+    #[inline(never)]
     fn latch(&mut self, halt: Halt) {
         let next = self.generator.next_segment();
         self.generator.abort(next, 0, &[0; SEGMENT_TICKS]);
@@ -182,6 +209,8 @@ impl Stream {
         self.state = State::Latched;
     }
 
+    #[cold]
+    #[inline(never)]
     fn restart(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders) {
         sink.prepare();
         self.origin = self.generator.next_segment();

@@ -43,9 +43,16 @@ impl Track {
     /// one the compiler no longer sees that factors are 32 bits wide.
     #[inline(never)]
     pub fn add_to(&self, pose: &mut FinePose, position: i64) {
-        for (u, (origin, direction)) in pose.0.iter_mut().zip(self.origin.iter().zip(&self.direction)) {
-            *u = u.wrapping_add(*origin).wrapping_add(scale(*direction, position));
-        }
+        // written out, because a loop over four arrays costs as much as half of what is in it
+        let mut add = |i: usize| {
+            pose.0[i] = pose.0[i].wrapping_add(self.origin[i]).wrapping_add(scale(self.direction[i], position));
+        };
+        add(0);
+        add(1);
+        add(2);
+        add(3);
+        add(4);
+        add(5);
     }
 
     /// The axes that the track moves, bit n = axis n.

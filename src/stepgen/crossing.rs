@@ -51,7 +51,7 @@ impl Crossings {
             time = time.wrapping_add(period.wrapping_mul(2));
         }
         // By fours: the loop would cost half as much as a step.
-        let [second, third, fourth] = [1, 2, 3].map(|n| period.wrapping_mul(n));
+        let (second, third, fourth) = (period, period.wrapping_mul(2), period.wrapping_mul(3));
         for _ in 0..count >> 2 {
             put(time);
             put(time.wrapping_add(second));

@@ -79,6 +79,13 @@ class Image:
             raise SystemExit(f"{name}: {len(found)} objects of that name")
         return found.pop()
 
+    def code(self, address, size=4):
+        """Bytes at an address."""
+        for base, data, _ in self.segments:
+            if base <= address < base + len(data):
+                return data[address - base : address - base + size]
+        return b""
+
     def at(self, address):
         """Name of the function at an address."""
         k = bisect.bisect_right(self._starts, address) - 1

@@ -80,7 +80,8 @@ mod target {
         played: u64,
         words: &mut Words,
     ) -> Report {
-        generator.refill_cleared(orders, played, words)
+        generator.refill_cleared(orders, played, words);
+        generator.report(played)
     }
 
     /// Check and plan of a move of all axes from rest.
