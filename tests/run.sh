@@ -8,7 +8,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-STAGES="fmt clippy doc no_std unit property golden words qemu wiring firmware emulator manual tree scripts readme clients fuzz bench"
+STAGES="fmt clippy doc no_std unit property golden words qemu wiring firmware cost emulator manual tree scripts readme clients fuzz bench"
 FUZZ_SECONDS=${FUZZ_SECONDS:-60}
 TARGET=${CARGO_TARGET_DIR:-$PWD/target}
 LOGS=$TARGET/test-logs
@@ -137,6 +137,16 @@ stage_firmware() { # The firmware links, fits, and its refill cannot panic
     python3 tools/image.py "$FIRMWARE_ELF" "$LOGS"
 }
 
+stage_cost() { # What refill and planning cost on the chip, against the figures kept
+    firmware
+    host_sim
+    need_venv tests/emulator/requirements.txt
+    "$VENV/bin/python" tests/emulator/isr_cost.py "$FIRMWARE_ELF" --check
+    cargo build -q --profile firmware -p target-tests --bin plan_cost --target thumbv7em-none-eabihf
+    "$VENV/bin/python" tests/emulator/plan_cost.py --host-sim "$HOST_SIM" \
+        "$TARGET/thumbv7em-none-eabihf/firmware/plan_cost"
+}
+
 stage_emulator() { # The firmware that is flashed, in an emulator of the board
     firmware
     host_sim
@@ -245,7 +255,7 @@ run() {
         *) sed -n 's/^test \(.*\) \.\.\. ignored,* *\(.*\)/          skipped: \1 (\2)/p' "$log"
            [ "$name" != bench ] || sed 's/^/    /' "$log"
            case $name in
-               property | qemu | firmware | emulator) sed -n 's/^figure: /    /p' "$log" ;;
+               property | qemu | firmware | cost | emulator) sed -n 's/^figure: /    /p; s/^target missed: /    target missed: /p' "$log" ;;
            esac ;;
     esac
 }

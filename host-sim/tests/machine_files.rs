@@ -115,7 +115,7 @@ fn limit_switches_lie_a_little_beyond_the_travel_or_where_the_file_says() {
 }
 
 #[test]
-fn the_block_in_the_cost_program_is_that_of_the_bench_machine() {
+fn the_block_with_which_the_refill_is_measured_is_that_of_the_bench_machine() {
     let machine = Machine::parse(include_str!("../machines/bench.toml")).expect("valid");
     let block = host_sim::session::block_of(&machine).expect("can be calibrated");
     assert!(block == include_bytes!("../../tests/target/bench.block"), "make it anew: host-sim calibrate");

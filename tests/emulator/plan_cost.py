@@ -85,7 +85,7 @@ def main():
         print(f"{machine:12} {len(own):3}  worst: check {worst[0].instructions:7} plan {worst[1].instructions:7} "
               f"instructions, together {spent(worst):7} cycles; mean {mean:9.0f}")
     worst = max(pairs, key=spent)
-    print(f"worst: {sum(c.instructions for c in worst)} instructions, {spent(worst)} cycles")
+    print(f"figure: check and plan of the worst golden pose: {sum(c.instructions for c in worst)} instructions, {spent(worst)} cycles")
     if arguments.spread:
         counter = m4.Counter(mu, image, [], None)
         for what, call in zip(("check", "plan"), worst):
