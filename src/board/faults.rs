@@ -33,7 +33,7 @@ fn halt() -> ! {
 fn panic(info: &core::panic::PanicInfo) -> ! {
     cortex_m::interrupt::disable();
     make_safe();
-    // the text of a panic would take 5 KB of flash; its place says as much
+    // its text would bring every message and the formatting of the core library into the flash; its place says as much
     if let Some(place) = info.location() {
         defmt::error!("panic at {=str}:{=u32}", place.file(), place.line());
     }
