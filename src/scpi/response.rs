@@ -56,6 +56,7 @@ impl Response {
     // For handlers.
 
     /// A whole number.
+    #[inline(never)]
     pub fn integer(&mut self, value: impl Into<i64>) {
         self.part();
         let _ = write_integer(self, value.into());
@@ -171,6 +172,7 @@ impl Response {
         (self.unit_open, self.message_open) = (true, true);
     }
 
+    #[inline(never)]
     fn put(&mut self, bytes: &[u8]) {
         // One byte beyond the promised room for the `;`.
         let end = self.mark.length + ANSWER_MAX + 1;
