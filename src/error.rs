@@ -1,8 +1,8 @@
 //! Errors of the controller: the SCPI numbers, and what each names.
 
 use crate::units::Axis;
-use crate::units::decimal::{Formatted, axis_unit};
-use core::fmt;
+use crate::units::decimal::{Formatted, Unit, axis_unit, write_integer};
+use core::fmt::{self, Write};
 
 /// Number of an error in the queue (SCPI-99 volume 2 chapter 21; positive numbers are the device's own).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -286,51 +286,78 @@ impl From<ErrorNumber> for Error {
 }
 
 /// `AXIS1` .. `AXIS6`.
-struct AxisName(Axis);
+fn write_axis(to: &mut dyn Write, axis: Axis) -> fmt::Result {
+    to.write_str("AXIS")?;
+    write_integer(to, axis.index() as i64 + 1)
+}
 
-impl fmt::Display for AxisName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "AXIS{}", self.0.index() + 1)
+/// `AXIS1 motor 2.000 um above 1.000 um`.
+fn write_bound(to: &mut dyn Write, axis: Axis, what: &str, values: (Named, Named), unit: Unit) -> fmt::Result {
+    let (value, bound) = (values.0.get(), values.1.get());
+    write_axis(to, axis)?;
+    to.write_str(what)?;
+    Formatted { value, unit }.write(to)?;
+    to.write_str(" ")?;
+    to.write_str(unit.symbol())?;
+    to.write_str(if value < bound { " below " } else { " above " })?;
+    Formatted { value: bound, unit }.write(to)?;
+    to.write_str(" ")?;
+    to.write_str(unit.symbol())
+}
+
+impl Detail {
+    /// Writes the text.
+    ///
+    /// # Errors
+    /// Those of `to`.
+    pub fn write(&self, to: &mut dyn Write) -> fmt::Result {
+        match self {
+            Detail::None => Ok(()),
+            Detail::Text(text) => to.write_str(text),
+            Detail::Token(token) => to.write_str(token.as_str()),
+            Detail::Axis(axis) => write_axis(to, *axis),
+            Detail::AxisText(axis, text) => {
+                write_axis(to, *axis)?;
+                to.write_str(" ")?;
+                to.write_str(text)
+            }
+            Detail::Limit { axis, value, bound, motor } => {
+                let what = if *motor { " motor " } else { " " };
+                write_bound(to, *axis, what, (*value, *bound), axis_unit(*axis))
+            }
+            Detail::Speed { axis, value, bound } => {
+                write_bound(to, *axis, " ", (*value, *bound), axis_unit(*axis).per_second(1))
+            }
+        }
     }
 }
 
 impl fmt::Display for Detail {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Detail::None => Ok(()),
-            Detail::Text(text) => f.write_str(text),
-            Detail::Token(token) => f.write_str(token.as_str()),
-            Detail::Axis(axis) => write!(f, "{}", AxisName(*axis)),
-            Detail::AxisText(axis, text) => write!(f, "{} {text}", AxisName(*axis)),
-            Detail::Limit { axis, value, bound, motor } => {
-                let unit = axis_unit(*axis);
-                let (value, bound) = (value.get(), bound.get());
-                let (value_text, bound_text) = (Formatted { value, unit }, Formatted { value: bound, unit });
-                let motor = if *motor { " motor" } else { "" };
-                let side = if value < bound { "below" } else { "above" };
-                let symbol = unit.symbol();
-                write!(f, "{}{motor} {value_text} {symbol} {side} {bound_text} {symbol}", AxisName(*axis))
-            }
-            Detail::Speed { axis, value, bound } => {
-                let unit = axis_unit(*axis).per_second(1);
-                let (value, bound) = (value.get(), bound.get());
-                let (value_text, bound_text) = (Formatted { value, unit }, Formatted { value: bound, unit });
-                let side = if value < bound { "below" } else { "above" };
-                let symbol = unit.symbol();
-                write!(f, "{} {value_text} {symbol} {side} {bound_text} {symbol}", AxisName(*axis))
-            }
-        }
+        self.write(f)
     }
 }
 
-/// The text of the queue: `-222,"Data out of range;AXIS2 6200.000 um above 5000.000 um"`.
+impl Error {
+    /// Writes the text of the queue: `-222,"Data out of range;AXIS2 6200.000 um above 5000.000 um"`.
+    ///
+    /// # Errors
+    /// Those of `to`.
+    pub fn write(&self, to: &mut dyn Write) -> fmt::Result {
+        write_integer(to, self.number.code().into())?;
+        to.write_str(",\"")?;
+        to.write_str(self.number.description())?;
+        if !matches!(self.detail, Detail::None) {
+            to.write_str(";")?;
+            self.detail.write(to)?;
+        }
+        to.write_str("\"")
+    }
+}
+
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{},\"{}", self.number.code(), self.number.description())?;
-        if !matches!(self.detail, Detail::None) {
-            write!(f, ";{}", self.detail)?;
-        }
-        f.write_str("\"")
+        self.write(f)
     }
 }
 

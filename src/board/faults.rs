@@ -30,10 +30,11 @@ fn halt() -> ! {
 }
 
 #[panic_handler]
-fn panic(info: &core::panic::PanicInfo) -> ! {
+fn panic(_: &core::panic::PanicInfo) -> ! {
     cortex_m::interrupt::disable();
     make_safe();
-    defmt::error!("{}", defmt::Display2Format(info));
+    // its text and place would bring every message, every file name and core::fmt into the flash: 2 KB
+    defmt::error!("panic");
     halt()
 }
 

@@ -27,6 +27,7 @@ pub struct AxisLimits {
 
 impl AxisLimits {
     /// Where the motor stands at a whole step and the end of the travel that it lies beyond, if it does.
+    #[inline(never)]
     fn leaves(&self, steps: i64, step_q32: u64) -> Option<(i64, i64)> {
         let at = steps_to_units(steps, step_q32);
         // the nearest whole step decides: half a step is what rounding adds

@@ -52,6 +52,7 @@ pub(super) struct Path {
 }
 
 impl Path {
+    #[inline(never)]
     pub fn new(at: Point) -> Path {
         Path { phases: [(0, 0, Point::default()); MAX_PHASES], count: 0, at, time: 0 }
     }

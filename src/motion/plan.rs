@@ -39,6 +39,7 @@ pub fn to_position(state: State, target: i64, limits: Limits) -> Result<Profile,
 }
 
 /// The start of a plan at path 0, refused where later sums could overflow.
+#[inline(never)]
 fn start(state: State) -> Option<Point> {
     let small = |x: i128| x.abs() <= 1 << 91;
     let ok = small(state.velocity) && small(state.acceleration) && state.position.abs() <= FARTHEST;

@@ -60,7 +60,7 @@ pub(super) fn execute(
 
 fn error_item(error: Option<Error>, out: &mut Response) {
     match error {
-        Some(error) => out.item(format_args!("{error}")),
+        Some(error) => out.error(&error),
         None => out.text("0,\"No error\""),
     }
 }
@@ -82,7 +82,7 @@ fn help_headers(out: &mut Response) -> Flow {
             out.resume_at(next);
             return Flow::More;
         }
-        out.line(entry);
+        let _ = entry.write(out);
     }
     Flow::Done
 }

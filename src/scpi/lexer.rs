@@ -225,6 +225,7 @@ impl Lexer {
         }
     }
 
+    #[inline(never)]
     fn keep(&mut self, byte: u8) {
         self.cut |= self.block_bytes > BLOCK_MAX;
         if !self.cut && !self.too_long && self.text.push(byte).is_err() {

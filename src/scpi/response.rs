@@ -4,8 +4,9 @@
 //! never lost. A longer one is written in parts: the handler writes a part, notes in [`Response::resume_at`] where to
 //! go on, returns `Flow::More`, and is called again when there is room.
 
+use crate::error::Error;
 pub use crate::units::decimal::axis_unit;
-use crate::units::decimal::{Dimension, Formatted, Unit};
+use crate::units::decimal::{Dimension, Formatted, Unit, write_digits, write_fraction, write_integer};
 use crate::units::{Axis, wide};
 use core::fmt::{self, Write};
 use heapless::Vec;
@@ -55,8 +56,10 @@ impl Response {
     // For handlers.
 
     /// A whole number.
+    #[inline(never)]
     pub fn integer(&mut self, value: impl Into<i64>) {
-        self.item(format_args!("{}", value.into()));
+        self.part();
+        let _ = write_integer(self, value.into());
     }
 
     /// 0 or 1.
@@ -66,7 +69,8 @@ impl Response {
 
     /// An integer in its unit's text: um, degrees, seconds.
     pub fn quantity(&mut self, value: i64, unit: Unit) {
-        self.item(format_args!("{}", Formatted { value, unit }));
+        self.part();
+        let _ = Formatted { value, unit }.write(self);
     }
 
     /// nm or nrad (`order` 0), or a rate of them, of an axis.
@@ -93,22 +97,25 @@ impl Response {
             size = tenth;
             decimals -= 1;
         }
-        // whole units and the digits behind them fit 64 bits whatever the value
-        let (whole, fraction) = wide::div_rem(size, 10u64.pow(decimals).into());
-        let (whole, fraction) = (wide::narrow(whole), wide::narrow(fraction));
-        let sign = if scaled < 0 { "-" } else { "" };
-        self.item(format_args!("{sign}{whole}.{fraction:0width$}", width = decimals as usize));
+        self.fraction(scaled < 0, size, decimals);
+    }
+
+    /// `size / 10^decimals` with its sign; whole units must fit 64 bits.
+    pub fn fraction(&mut self, negative: bool, size: u128, decimals: u32) {
+        self.part();
+        let _ = write_fraction(self, negative, size, decimals);
     }
 
     /// Characters as they are: a keyword, or several items that are already parted.
     pub fn text(&mut self, text: &str) {
-        self.item(format_args!("{text}"));
+        self.part();
+        self.put(text.as_bytes());
     }
 
-    /// A formatted item.
-    pub fn item(&mut self, item: fmt::Arguments<'_>) {
+    /// An error as the queue tells it.
+    pub fn error(&mut self, error: &Error) {
         self.part();
-        let _ = self.write_fmt(item);
+        let _ = error.write(self);
     }
 
     /// A string in double quotes.
@@ -130,17 +137,15 @@ impl Response {
     /// `#<n><len>`, to be followed by `length` bytes of [`Response::raw`].
     pub fn block_head(&mut self, length: usize) {
         let digits = length.checked_ilog10().unwrap_or(0) + 1;
-        self.item(format_args!("#{digits}{length}"));
+        self.part();
+        self.put(b"#");
+        let _ = write_digits(self, digits.into(), 1);
+        let _ = write_digits(self, length as u64, 1);
     }
 
     /// Bytes of a block.
     pub fn raw(&mut self, bytes: &[u8]) {
         self.put(bytes);
-    }
-
-    /// Formatted bytes of a block.
-    pub fn line(&mut self, line: impl fmt::Display) {
-        let _ = write!(self, "{line}");
     }
 
     /// Where an answer in parts goes on: 0 at the first call of a unit.
@@ -167,6 +172,7 @@ impl Response {
         (self.unit_open, self.message_open) = (true, true);
     }
 
+    #[inline(never)]
     fn put(&mut self, bytes: &[u8]) {
         // One byte beyond the promised room for the `;`.
         let end = self.mark.length + ANSWER_MAX + 1;

@@ -7,7 +7,7 @@
 
 use crate::error::ErrorNumber;
 use crate::units::{Axis, wide};
-use core::fmt;
+use core::fmt::{self, Write};
 
 /// Significant digits that are used: 10^30 < 2^100.
 const DIGITS: u32 = 30;
@@ -320,8 +320,12 @@ pub struct Formatted {
     pub unit: Unit,
 }
 
-impl fmt::Display for Formatted {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl Formatted {
+    /// Writes the text.
+    ///
+    /// # Errors
+    /// Those of `to`.
+    pub fn write(&self, to: &mut dyn Write) -> fmt::Result {
         let magnitude = u128::from(self.value.unsigned_abs());
         let (scaled, decimals) = match self.unit.dimension {
             Dimension::Length => (magnitude, 3),
@@ -329,12 +333,65 @@ impl fmt::Display for Formatted {
             Dimension::Time => (magnitude, 9),
             Dimension::Percent | Dimension::Count => (magnitude, 0),
         };
-        let sign = if self.value < 0 { "-" } else { "" };
-        // whole units fit 64 bits whatever the value
-        let (whole, fraction) = wide::div_rem(scaled, 10u32.pow(decimals).into());
-        write!(f, "{sign}{}", wide::narrow(whole))?;
-        if decimals > 0 { write!(f, ".{:0width$}", fraction as u32, width = decimals as usize) } else { Ok(()) }
+        write_fraction(to, self.value < 0, scaled, decimals)
     }
+}
+
+impl fmt::Display for Formatted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.write(f)
+    }
+}
+
+// Texts of numbers without the machinery of `core::fmt`, which takes several KB on a board.
+
+/// The decimal digits of a number, with zeros in front up to `least` of them, at most 20.
+///
+/// # Errors
+/// Those of `to`.
+#[inline(never)]
+pub fn write_digits(to: &mut dyn Write, value: u64, least: usize) -> fmt::Result {
+    let (mut text, mut left, mut count) = ([b'0'; 20], value, 0);
+    for digit in text.iter_mut().rev() {
+        if left == 0 && count >= least.max(1) {
+            break;
+        }
+        *digit += (left % 10) as u8;
+        left /= 10;
+        count += 1;
+    }
+    let digits = text.get(text.len() - count..).unwrap_or(&[]);
+    to.write_str(core::str::from_utf8(digits).unwrap_or(""))
+}
+
+/// A whole number.
+///
+/// # Errors
+/// Those of `to`.
+#[inline(never)]
+pub fn write_integer(to: &mut dyn Write, value: i64) -> fmt::Result {
+    if value < 0 {
+        to.write_str("-")?;
+    }
+    write_digits(to, value.unsigned_abs(), 1)
+}
+
+/// `size / 10^decimals` with its sign; whole units must fit 64 bits, and `decimals` 19.
+///
+/// # Errors
+/// Those of `to`.
+#[inline(never)]
+pub fn write_fraction(to: &mut dyn Write, negative: bool, size: u128, decimals: u32) -> fmt::Result {
+    let (whole, fraction) = wide::div_rem(size, 10u64.pow(decimals).into());
+    if negative {
+        to.write_str("-")?;
+    }
+    write_digits(to, wide::narrow(whole), 1)?;
+    if decimals == 0 {
+        return Ok(());
+    }
+    to.write_str(".")?;
+    write_digits(to, wide::narrow(fraction), decimals as usize)
 }
 
 #[cfg(test)]
@@ -482,6 +539,27 @@ mod tests {
             round_trip(value, Unit::ANGLE);
             round_trip(value, Unit::LENGTH.per_second(1));
         }
+    }
+
+    #[test]
+    fn whole_numbers_and_fractions_are_those_of_the_library() {
+        let mut seed = 1u64;
+        for n in 0..20_000u32 {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let value = seed >> (n % 64);
+            let mut text = std::string::String::new();
+            write_integer(&mut text, value as i64).unwrap();
+            assert_eq!(text, (value as i64).to_string());
+            let (decimals, mut text) = ((n % 19 + 1) as usize, std::string::String::new());
+            write_fraction(&mut text, n % 2 == 1, value.into(), decimals as u32).unwrap();
+            let ten = 10u64.pow(decimals as u32);
+            let sign = if n % 2 == 1 { "-" } else { "" };
+            assert_eq!(text, format!("{sign}{}.{:0decimals$}", value / ten, value % ten));
+        }
+        let mut text = std::string::String::new();
+        write_integer(&mut text, i64::MIN).unwrap();
+        write_integer(&mut text, 0).unwrap();
+        assert_eq!(text, "-92233720368547758080");
     }
 
     #[test]

@@ -9,7 +9,6 @@ use crate::scpi::response::Response;
 use crate::scpi::session::Flow;
 use crate::scpi::tree::Command as C;
 use crate::units::decimal::Unit;
-use crate::units::wide;
 
 /// Largest coordinate of a pivot, nm: a sixteenth of it fits 30 bits and a sign.
 const PIVOT_LIMIT_NM: i64 = 1 << 26;
@@ -119,10 +118,7 @@ fn round_shift(value: i128, bits: u32) -> i128 {
 
 #[inline(never)]
 fn element(value: i128, out: &mut Response) {
-    let unit = 10u128.pow(MATRIX_DECIMALS);
-    let (sign, size) = (if value < 0 { "-" } else { "" }, value.unsigned_abs());
-    let (whole, fraction) = wide::div_rem(size, unit);
-    out.item(format_args!("{sign}{}.{:012}", wide::narrow(whole), wide::narrow(fraction)));
+    out.fraction(value < 0, value.unsigned_abs(), MATRIX_DECIMALS);
 }
 
 #[inline(never)]

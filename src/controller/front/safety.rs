@@ -116,6 +116,7 @@ impl Front {
     }
 
     /// Levels of the enable lines; bit n set: the line of driver n is high.
+    #[inline(never)]
     pub fn enable_lines(&self) -> u8 {
         let lines = self.settings.axes.iter().zip(self.enabled).enumerate();
         lines.fold(0, |levels, (i, (own, on))| levels | u8::from(on == own.wiring.enable_high) << i)

@@ -249,6 +249,7 @@ impl Planner {
     }
 
     /// Decelerates every coordinated move.
+    #[inline(never)]
     pub fn stop_coordinated(&mut self) {
         self.goal = None;
         self.then_goal = None;
@@ -264,6 +265,7 @@ impl Planner {
     }
 
     /// True while a track runs or is on its way.
+    #[inline(never)]
     pub fn is_running(&self) -> bool {
         self.slots.iter().any(|s| s.latest().is_some())
     }
@@ -425,6 +427,7 @@ impl Planner {
 }
 
 /// The straight way between two poses at rest.
+#[inline(never)]
 fn straight(from: FinePose, to: FinePose) -> Path {
     let mut direction = [0; AXES];
     for (d, (to, from)) in direction.iter_mut().zip(to.0.iter().zip(&from.0)) {

@@ -172,6 +172,7 @@ impl Session {
 
     /// BREAK, a closed socket, 0x18: drops input, output and a pending *OPC, *OPC? or *WAI; registers and errors stay.
     /// The link drops bytes that were refused.
+    #[inline(never)]
     pub fn device_clear(&mut self) {
         self.lexer.clear();
         self.watch = Framer::new();

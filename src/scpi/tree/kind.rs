@@ -59,6 +59,20 @@ impl Param {
     }
 }
 
+/// Fewest and most texts between commas that these take.
+pub(super) const fn arity(params: &[Param]) -> (u8, u8) {
+    let (mut least, mut most, mut n) = (0, 0, 0);
+    while n < params.len() {
+        let width = params[n].width() as u8;
+        most += width;
+        if !params[n].optional {
+            least += width;
+        }
+        n += 1;
+    }
+    (least, most)
+}
+
 impl Kind {
     /// Its name in the manual and in the command tree.
     pub const fn name(self) -> &'static str {

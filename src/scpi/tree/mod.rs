@@ -3,6 +3,7 @@
 mod kind;
 mod table;
 
+use kind::arity;
 pub use kind::{Kind, Param};
 pub use table::TABLE;
 
@@ -139,9 +140,13 @@ pub struct Entry {
     pub pattern: &'static str,
     /// Its forms.
     pub form: Form,
-    /// Parameters without question mark.
+    /// Fewest and most parameters without question mark, and of the query.
+    arity: [(u8, u8); 2],
+    /// Parameters without question mark, for the manual.
+    #[cfg(not(target_os = "none"))]
     pub params: &'static [Param],
-    /// Parameters of the query.
+    /// Parameters of the query, for the manual.
+    #[cfg(not(target_os = "none"))]
     pub query_params: &'static [Param],
     /// Range for the manual.
     #[cfg(not(target_os = "none"))]
@@ -163,9 +168,8 @@ pub struct Entry {
 impl Entry {
     /// Fewest and most parameters.
     pub fn arity(&self, query: bool) -> (usize, usize) {
-        let params = if query { self.query_params } else { self.params };
-        let sum = |all: bool| params.iter().filter(|p| all || !p.optional).map(Param::width).sum();
-        (sum(false), sum(true))
+        let (least, most) = self.arity[usize::from(query)];
+        (least.into(), most.into())
     }
 
     /// True when the form exists.
@@ -178,16 +182,28 @@ impl Entry {
     }
 }
 
-/// The line of SYSTem:HELP:HEADers? (SCPI-99 volume 2, 21.11), its LF included.
+impl Entry {
+    /// Writes its line of SYSTem:HELP:HEADers? (SCPI-99 volume 2, 21.11), the LF included.
+    ///
+    /// # Errors
+    /// Those of `to`.
+    pub fn write(&self, to: &mut dyn Write) -> fmt::Result {
+        let form = match self.form {
+            Form::Set => "/nquery/\n",
+            Form::Query => "/qonly/\n",
+            Form::Both => "\n",
+        };
+        if !self.pattern.starts_with('*') {
+            to.write_str(":")?;
+        }
+        to.write_str(self.pattern)?;
+        to.write_str(form)
+    }
+}
+
 impl fmt::Display for Entry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let root = if self.pattern.starts_with('*') { "" } else { ":" };
-        let form = match self.form {
-            Form::Set => "/nquery/",
-            Form::Query => "/qonly/",
-            Form::Both => "",
-        };
-        writeln!(f, "{root}{}{form}", self.pattern)
+        self.write(f)
     }
 }
 
@@ -202,7 +218,7 @@ pub fn help_length() -> usize {
     }
     let mut count = Count(0);
     for entry in TABLE {
-        let _ = write!(count, "{entry}");
+        let _ = entry.write(&mut count);
     }
     count.0
 }

@@ -1,6 +1,6 @@
 //! The table.
 
-use super::{Command as C, Entry, Form, Kind, Param};
+use super::{Command as C, Entry, Form, Kind, Param, arity};
 use crate::error::ErrorNumber::{self, *};
 use crate::settings::{BAUD_MAX, BAUD_MIN};
 
@@ -56,7 +56,10 @@ const fn entry(command: C, pattern: &'static str, form: Form, params: &'static [
         command,
         pattern,
         form,
+        arity: [arity(params), (0, 0)],
+        #[cfg(not(target_os = "none"))]
         params,
+        #[cfg(not(target_os = "none"))]
         query_params: NONE,
         #[cfg(not(target_os = "none"))]
         range: "",
@@ -86,7 +89,19 @@ const fn mask(command: C, pattern: &'static str, params: &'static [Param], help:
 
 /// A setting: its query takes `MIN|MAX|DEF`.
 const fn setting(command: C, pattern: &'static str, params: &'static [Param], help: &'static str) -> Entry {
-    Entry { query_params: EXTREME, ..entry(command, pattern, Form::Both, params, help).errors(RANGE) }
+    entry(command, pattern, Form::Both, params, help).errors(RANGE).asked_with(EXTREME)
+}
+
+impl Entry {
+    /// Parameters of the query.
+    const fn asked_with(self, query_params: &'static [Param]) -> Self {
+        Entry {
+            arity: [self.arity[0], arity(query_params)],
+            #[cfg(not(target_os = "none"))]
+            query_params,
+            ..self
+        }
+    }
 }
 
 /// What the manual says.
@@ -456,23 +471,19 @@ pub const TABLE: &[Entry] = &[
         .errors(RELATIVE_ERRORS)
         .example("POSE:REL 1,0,0,0,0,0"),
     query(C::PoseQuery, "POSE", "The six logical positions of the words played so far.").example("POSE?"),
-    Entry {
-        query_params: POSE,
-        ..query(C::PoseCheck, "POSE:CHECk", "Dry run: verdict, duration, six peak step rates, six flank changes.")
-    }
-    .example("POSE:CHEC? 0,0,0,0,0,0.5"),
+    query(C::PoseCheck, "POSE:CHECk", "Dry run: verdict, duration, six peak step rates, six flank changes.")
+        .asked_with(POSE)
+        .example("POSE:CHEC? 0,0,0,0,0,0.5"),
     setting(C::VelocityOverride, "VELocity", &[value("percent", Kind::Percent)], "Speed override of all motion.")
         .range("1..100 %", "100")
         .example("VEL 50"),
-    Entry {
-        query_params: &[PIVOT],
-        ..mask(
-            C::PivotDefine,
-            "PIVot:DEFine",
-            &[PIVOT, param("x,y,z", Kind::Point)],
-            "A rotation centre in the array frame.",
-        )
-    }
+    mask(
+        C::PivotDefine,
+        "PIVot:DEFine",
+        &[PIVOT, param("x,y,z", Kind::Point)],
+        "A rotation centre in the array frame.",
+    )
+    .asked_with(&[PIVOT])
     .range("k 1..7; at most 60 mm from any rotary axis", "")
     .errors(PIVOT_ERRORS)
     .example("PIV:DEF 1,0,0,2 MM"),
