@@ -68,13 +68,16 @@ def jog(line, motor):
     velocity = float(line.ask(f"{axis}:VEL? MAX")) / 100
     line.tell(f"{axis}:ENAB ON")
     before = int(line.ask(f"{axis}:POS:MOT?"))
-    for sense in (1, -1):
-        line.tell(f"{axis}:MOVE:JOG {sense * velocity:.6f}")
-        time.sleep(0.5)
-        line.tell(f"{axis}:STOP")
-        line.ask("*OPC?")
-        print(f"motor {motor}: {int(line.ask(f'{axis}:POS:MOT?')) - before:+d} steps from where it was")
-    line.tell(f"{axis}:ENAB OFF")
+    try:
+        for sense in (1, -1):
+            line.tell(f"{axis}:MOVE:JOG {sense * velocity:.6f}")
+            time.sleep(0.5)
+            line.tell(f"{axis}:STOP")
+            line.ask("*OPC?")
+            print(f"motor {motor}: {int(line.ask(f'{axis}:POS:MOT?')) - before:+d} steps from where it was")
+    finally:
+        line.tell("!")
+        line.tell(f"{axis}:ENAB OFF")
 
 
 def main():

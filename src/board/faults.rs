@@ -2,7 +2,7 @@
 
 use super::{gpio, pins, step_dma};
 use core::sync::atomic::{AtomicU8, Ordering};
-use cortex_m_rt::{ExceptionFrame, exception};
+use cortex_m_rt::exception;
 use embassy_stm32::pac;
 
 /// Levels of the enable lines at which all drivers are disabled: active low until settings say otherwise.
@@ -38,10 +38,27 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     halt()
 }
 
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+/// Anything that the processor cannot do, an overflow of the stack among it: the stack that is left cannot be trusted, so
+/// it begins anew.
+#[exception(trampoline = false)]
+unsafe fn HardFault() -> ! {
+    // SAFETY: nothing returns to what was interrupted.
+    unsafe {
+        core::arch::asm!(
+            "movw r0, #:lower16:_stack_start",
+            "movt r0, #:upper16:_stack_start",
+            "mov sp, r0",
+            "b {broken}",
+            broken = sym broken,
+            options(noreturn)
+        )
+    }
+}
+
+extern "C" fn broken() -> ! {
+    cortex_m::interrupt::disable();
     make_safe();
-    defmt::error!("hard fault at {=u32:x}", frame.pc());
+    defmt::error!("hard fault");
     halt()
 }
 

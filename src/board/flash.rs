@@ -1,13 +1,32 @@
 //! Flash sectors 1 and 2: what the settings are kept in.
 //!
 //! # Limitations
-//! The chip has one bank: while a sector is erased (250 to 500 ms, data sheet table 40) or a word is programmed
+//! The chip has one bank: while a sector is erased (400 ms, at most 800 ms: byte by byte, data sheet table 40) or a word is programmed
 //! (16 us), the processor stands, interrupts and all. The step stream must stand too; DMA still takes bytes in.
 
 use super::supervision;
 use embassy_stm32::flash::{Bank1Region1, Blocking, Error as FlashError, Flash, WRITE_SIZE};
-use embassy_stm32::{Peri, peripherals};
+use embassy_stm32::{Peri, pac, peripherals};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+
+/// Caches and prefetch on: without them five wait states are paid at every branch (RM0090, 3.5.2). The HAL leaves them
+/// off.
+pub fn accelerate() {
+    pac::FLASH.acr().modify(|w| {
+        w.set_icen(true);
+        w.set_dcen(true);
+        w.set_prften(true);
+    });
+}
+
+/// What was read before it was erased or written is forgotten (RM0090, 3.5.2: only while the cache is off).
+fn forget_what_was_read() {
+    let acr = pac::FLASH.acr();
+    acr.modify(|w| w.set_dcen(false));
+    acr.modify(|w| w.set_dcrst(true));
+    acr.modify(|w| w.set_dcrst(false));
+    acr.modify(|w| w.set_dcen(true));
+}
 
 /// Where sector 1 begins, from the begin of the flash.
 pub const START: u32 = 16 * 1024;
@@ -60,12 +79,16 @@ impl NorFlash for SettingsFlash {
         let sectors = (from..to).step_by(Self::ERASE_SIZE);
         for sector in sectors {
             supervision::before_an_erase();
-            self.0.blocking_erase(sector, sector + Self::ERASE_SIZE as u32).map_err(Failure)?;
+            let erased = self.0.blocking_erase(sector, sector + Self::ERASE_SIZE as u32);
+            forget_what_was_read();
+            erased.map_err(Failure)?;
         }
         Ok(())
     }
 
     async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failure> {
-        self.0.blocking_write(offset, bytes).map_err(Failure)
+        let written = self.0.blocking_write(offset, bytes);
+        forget_what_was_read();
+        written.map_err(Failure)
     }
 }

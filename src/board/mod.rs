@@ -48,6 +48,7 @@ pub fn start() -> (Peripherals, Start) {
     config.dma_interrupt_priority = Priority::P6;
     below_the_refill();
     let peripherals = embassy_stm32::init(config);
+    flash::accelerate();
     if crystal {
         clock::guard_crystal();
     }

@@ -76,6 +76,10 @@ impl Port for Socket {
         let first = self.plug.events.load(Ordering::Relaxed).trailing_zeros();
         let event = EVENTS.get(first as usize)?;
         self.plug.events.fetch_and(!(1 << first), Ordering::Relaxed);
+        if *event == PortEvent::Closed {
+            // the answers of the one who left are nobody else's
+            self.plug.output.clear();
+        }
         Some(*event)
     }
 

@@ -160,8 +160,12 @@ pub fn set_watch(watch: Watch) {
 /// Stops all motors at once; the next report says where.
 pub fn halt(halt: Halt) {
     step_dma::stop();
-    // the first cause is the one that counts
-    let _ = HALT.compare_exchange(0, code(halt), Ordering::Relaxed, Ordering::Relaxed);
+    // the first cause is the one that counts, but nothing hides an emergency stop
+    if halt.cause == Cause::EmergencyStop {
+        HALT.store(code(halt), Ordering::Relaxed);
+    } else {
+        let _ = HALT.compare_exchange(0, code(halt), Ordering::Relaxed, Ordering::Relaxed);
+    }
     NVIC::pend(Interrupt::TIM2);
 }
 

@@ -35,8 +35,8 @@ const LENGTH: usize = RING * SEGMENT_TICKS;
 const TICK_CLOCKS: u32 = CORE_HZ / TICKS_PER_SECOND;
 const _: () = assert!(CORE_HZ.is_multiple_of(TICKS_PER_SECOND) && LENGTH <= u16::MAX as usize);
 
-/// Core clocks that one transfer takes at most, with room.
-const TRANSFER_CLOCKS: u32 = 32;
+/// Looks at whether a transfer is done; it takes some ten clocks.
+const LOOKS: u32 = 64;
 
 /// Stream that plays, stream that clears.
 const PLAY: usize = 1;
@@ -198,9 +198,10 @@ impl StepSink for StepDma {
         cortex_m::asm::dmb();
         // All is silent: stream 2 is brought to where it belongs, one segment behind the first word.
         Self::enable(pac::DMA2.st(CLEAR), addr_of!(SILENCE) as u32, Dir::PERIPHERAL_TO_MEMORY);
-        for _ in 0..LENGTH - SEGMENT_TICKS {
+        for left in (SEGMENT_TICKS..LENGTH).rev() {
             pac::TIM8.egr().write(|w| w.set_ccg(0, true));
-            cortex_m::asm::delay(TRANSFER_CLOCKS);
+            // each is served before the next one is asked for
+            let _ = (0..LOOKS).any(|_| usize::from(pac::DMA2.st(CLEAR).ndtr().read().ndt()) == left);
         }
     }
 

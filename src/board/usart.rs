@@ -42,6 +42,9 @@ struct Shared(UnsafeCell<[u8; RING]>);
 unsafe impl Sync for Shared {}
 static INPUT: Shared = Shared(UnsafeCell::new([0; RING]));
 
+/// TC in the status register.
+const TRANSMISSION_COMPLETE: u32 = 1 << 6;
+
 /// What the interrupt has seen: bits of [`EVENTS`], and in the upper half the place in the ring behind the last damaged
 /// byte.
 static SEEN: AtomicU32 = AtomicU32::new(0);
@@ -51,8 +54,10 @@ const EVENTS: [PortEvent; 4] = [PortEvent::Opened, PortEvent::Overrun, PortEvent
 /// The serial port.
 pub struct Serial {
     baud: u32,
-    /// Place in the ring of the next byte to be read.
-    read: usize,
+    /// Bytes taken over so far.
+    read: u64,
+    /// Bytes of the whole rounds that the stream has gone.
+    rounds: u64,
     output: &'static mut [u8; OUTPUT],
     /// Bytes of the output from `sent`, `waiting` of them, the first `sending` of which the stream has.
     sent: usize,
@@ -90,7 +95,7 @@ impl Serial {
             // SAFETY: the handlers share atomics with the thread.
             unsafe { NVIC::unmask(interrupt) };
         }
-        Serial { baud, read: 0, output, sent: 0, waiting: 0, sending: 0 }
+        Serial { baud, read: 0, rounds: 0, output, sent: 0, waiting: 0, sending: 0 }
     }
 
     /// Nothing waits to be sent, and the last bit is out.
@@ -111,9 +116,23 @@ impl Serial {
     /// The processor stood still: if the ring went round meanwhile, nobody knows how often.
     pub fn after_a_stall(&mut self) {
         if pac::DMA1.isr(RECEIVE / 4).read().tcif(RECEIVE % 4) {
-            self.read = written();
-            clear_round();
+            self.read = self.written();
             note(PortEvent::Overrun);
+        }
+    }
+
+    /// Bytes that have come so far. To be asked at least once a round.
+    fn written(&mut self) -> u64 {
+        loop {
+            if pac::DMA1.isr(RECEIVE / 4).read().tcif(RECEIVE % 4) {
+                clear_round();
+                self.rounds += RING as u64;
+            }
+            let place = written();
+            // a round that ended in between counts before the place does
+            if !pac::DMA1.isr(RECEIVE / 4).read().tcif(RECEIVE % 4) {
+                return self.rounds + place as u64;
+            }
         }
     }
 
@@ -136,8 +155,8 @@ impl Serial {
             w.set_dmeif(SEND % 4, true);
             w.set_feif(SEND % 4, true);
         });
-        // the end of transmission is that of these bytes
-        pac::USART2.sr().write(|w| w.set_tc(false));
+        // the end of transmission is that of these bytes; ones elsewhere: a zero would also clear a byte that has just come (RM0090, 30.6.1)
+        pac::USART2.sr().write_value(pac::usart::regs::Sr(!TRANSMISSION_COMPLETE));
         cortex_m::asm::dmb();
         stream.par().write_value(pac::USART2.dr().as_ptr() as u32);
         stream.m0ar().write_value(self.output.as_ptr() as u32 + self.sent as u32);
@@ -161,31 +180,30 @@ impl Port for Serial {
         let event = *EVENTS.get(first)?;
         SEEN.fetch_and(!(1 << first), Ordering::Relaxed);
         if matches!(event, PortEvent::Framing | PortEvent::Break) {
-            self.read = (seen >> 16) as usize % RING;
+            // everything up to there
+            let place = (seen >> 16) as u64 % RING as u64;
+            let written = self.written();
+            self.read = written - (written.wrapping_sub(place)) % RING as u64;
         }
         Some(event)
     }
 
     fn received(&mut self) -> &[u8] {
-        // in this order: a round that ends in between is seen next time
-        let round = pac::DMA1.isr(RECEIVE / 4).read().tcif(RECEIVE % 4);
-        let written = written();
-        if round {
-            clear_round();
-            // it went round, and past what was not read yet
-            if written >= self.read && self.read != 0 {
-                self.read = written;
-                note(PortEvent::Overrun);
-            }
+        let written = self.written();
+        if written - self.read > RING as u64 {
+            // it has gone over what was not read yet
+            self.read = written;
+            note(PortEvent::Overrun);
         }
-        let end = if written < self.read { RING } else { written };
+        let (from, count) = ((self.read % RING as u64) as usize, (written - self.read) as usize);
+        let end = (from + count).min(RING);
         // SAFETY: the stream writes behind `written`; it takes a whole round, and then an overrun, to come here again.
         let input = unsafe { &*INPUT.0.get() };
-        input.get(self.read..end).unwrap_or(&[])
+        input.get(from..end).unwrap_or(&[])
     }
 
     fn consume(&mut self, count: usize) {
-        self.read = (self.read + count) % RING;
+        self.read += count as u64;
     }
 
     fn room(&self) -> usize {
@@ -205,7 +223,7 @@ impl Port for Serial {
         // a transfer error switches the stream off (RM0090, 10.3.18)
         if !pac::DMA1.st(RECEIVE).cr().read().en() {
             start_reception();
-            self.read = 0;
+            (self.read, self.rounds) = (0, 0);
             note(PortEvent::Overrun);
         }
     }
@@ -261,7 +279,10 @@ fn USART2() {
     let usart = pac::USART2;
     // reading the status and then the data clears what is handled here; the stream has taken the byte long since
     let status = usart.sr().read();
-    let _ = usart.dr().read();
+    if !status.rxne() {
+        // otherwise the stream is about to read it, and must
+        let _ = usart.dr().read();
+    }
     if status.fe() {
         let place = (written() as u32) << 16;
         let _ = SEEN.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |seen| Some(seen & 0xffff | place));

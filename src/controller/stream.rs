@@ -102,7 +102,9 @@ impl Stream {
         if self.state == State::Running {
             let at = self.position(sink);
             let (up, down) = (report.stepping_up, report.stepping_down);
-            let halt = halt.or_else(|| watch.halt(inputs, up, down)).or_else(|| self.late(at));
+            // nothing hides an open contact
+            let open = inputs.stop.then_some(Halt { cause: Cause::EmergencyStop, ..Halt::default() });
+            let halt = open.or(halt).or_else(|| watch.halt(inputs, up, down)).or_else(|| self.late(at));
             match halt {
                 Some(halt) => self.roll_back(sink, orders, halt),
                 None if wishes.pause => {
@@ -169,8 +171,10 @@ impl Stream {
         while (self.generator.next_segment() as u32).wrapping_sub(segment as u32) as i32 <= AHEAD as i32 {
             let made = self.generator.next_segment();
             self.make(sink, orders, segment);
-            plays = self.position(sink).0;
-            if plays >= made {
+            let played = self.position(sink);
+            plays = played.0;
+            // the hardware reads a word ahead
+            if plays >= made || plays + 1 == made && played.1 >= SEGMENT_TICKS - 2 {
                 self.roll_back(sink, orders, Halt { cause: Cause::Output, ..Halt::default() });
                 return None;
             }
@@ -213,6 +217,9 @@ impl Stream {
     #[inline(never)]
     fn restart(&mut self, sink: &mut impl StepSink, orders: &mut impl Orders) {
         sink.prepare();
+        if sink.inputs().stop {
+            return self.latch(Halt { cause: Cause::EmergencyStop, ..Halt::default() });
+        }
         self.origin = self.generator.next_segment();
         for _ in 0..=AHEAD {
             let origin = self.origin;
