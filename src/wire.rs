@@ -198,7 +198,8 @@ mod tests {
         for n in 0..200_000 {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             let mut bytes = [0xff; 12];
-            bytes[..8].copy_from_slice(&(seed | 0x8080_8080_8080_8080 >> (n % 65)).to_le_bytes());
+            bytes[..8]
+                .copy_from_slice(&(seed | 0x8080_8080_8080_8080u64.checked_shr(n % 65).unwrap_or(0)).to_le_bytes());
             bytes[8..10].copy_from_slice(&[(seed >> 20) as u8 | 0x80, (seed >> 60) as u8 & 3]);
             let (mut long, mut word) = (0, 0);
             let mut wire = Wire::read(&bytes);
