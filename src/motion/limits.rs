@@ -43,6 +43,9 @@ impl AxisLimits {
     }
 }
 
+/// What a motor keeps from the step at which its travel ends, steps in Q32.
+const SPARE: i64 = 1 << 29;
+
 /// Points of a way that are looked at for the end of a motor's travel.
 const FARTHEST_SAMPLES: i64 = 32;
 
@@ -130,11 +133,13 @@ impl Limits {
         let standing = law.targets(&pose, &mut Remembered::default()).floor().0;
         let mut reaches = |x: i32| {
             pose.0[i] = i64::from(x) << 32;
-            let motors = law.targets(&pose, &mut Remembered::default()).floor().0;
+            let motors = law.targets(&pose, &mut Remembered::default()).0;
             (0..AXES).all(|m| {
                 let (own, step) = (&self.0[m], law.step_q32(m));
-                let beyond = |steps: i32| own.leaves(i64::from(steps), step);
-                match (beyond(motors[m]), beyond(standing[m])) {
+                let beyond = |steps: i64| own.leaves(steps, step);
+                // not where the next rounding of another axis would make it one step more
+                let ends = beyond((motors[m] - SPARE) >> 32).or_else(|| beyond((motors[m] + SPARE) >> 32));
+                match (ends, beyond(i64::from(standing[m]))) {
                     _ if !own.homed => true,
                     (None, _) => true,
                     (Some(_), None) => false,
