@@ -366,7 +366,8 @@ impl Generator {
     fn take_orders(&mut self, orders: &mut impl Orders) {
         while let Some(order) = orders.peek() {
             if order.segment.is_some_and(|segment| segment > self.segment) {
-                return;
+                // what was taken before it counts all the same
+                break;
             }
             let late = order.segment.is_some_and(|segment| segment < self.segment);
             let accepted = !late && order.aborts == self.aborts && self.apply(order);
