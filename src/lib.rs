@@ -32,6 +32,8 @@ pub mod controller;
 pub mod error;
 pub mod hal;
 pub mod motion;
+#[cfg(test)]
+mod random;
 pub mod scpi;
 pub mod settings;
 pub mod stepgen;

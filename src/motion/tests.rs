@@ -5,20 +5,13 @@ use super::plan::{to_position, to_velocity};
 use super::profile::{COEFFICIENT_BITS, Phase, Profile, State};
 use super::ramp::Limits;
 use super::reference::Ideal;
+use crate::random::Random;
 use std::{eprintln, vec::Vec};
 
 const ONE: f64 = (1u64 << 60) as f64;
 const Q90: f64 = ONE * (1 << 30) as f64;
 
-struct Random(u64);
-
 impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
-    }
     fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }

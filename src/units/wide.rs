@@ -273,17 +273,9 @@ fn cube_root_64(x: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    struct Random(u64);
+    use crate::random::Random;
 
     impl Random {
-        fn bits(&mut self) -> u64 {
-            self.0 ^= self.0 << 13;
-            self.0 ^= self.0 >> 7;
-            self.0 ^= self.0 << 17;
-            self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
-        }
-
         /// Any length, and often digits of all ones or zeros, where carries run far.
         fn wide(&mut self) -> u128 {
             let mut x = 0;
