@@ -1,9 +1,9 @@
 //! The seam: what the controller's thread needs of a board. A board implements it; the controller knows no pin.
 //!
-//! The step output has a seam of its own, [`StepSink`](crate::controller::stream::StepSink), because the refill owns it.
+//! The step output has a seam of its own, [`StepSink`](crate::refill::stream::StepSink), because the refill owns it.
 
-use crate::controller::border::{Order, Report};
-use crate::controller::safety::{Halt, Watch};
+use crate::refill::border::{Order, Report};
+use crate::refill::safety::{Halt, Watch};
 use crate::store::Standstill;
 
 /// The thread's side of the step output, of the drivers and of the lights.

@@ -12,7 +12,7 @@
 //!
 //! - [`scpi`] frames messages, finds their commands in one table and keeps status and answers of each link.
 //! - [`controller`] holds the two halves: [`controller::front::Front`] checks, plans and keeps the [`settings`];
-//!   [`controller::generator::Generator`] makes the words. [`controller::border`] is all that crosses between them.
+//!   [`refill::generator::Generator`] makes the words. [`refill::border`] is all that crosses between them.
 //! - [`motion`] plans jerk-limited moves on which no motor exceeds its limits.
 //! - [`compensation`] turns the logical pose of the fibre point into motor positions: coupling, rotation centre,
 //!   backlash.
@@ -27,17 +27,11 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-pub mod compensation;
 pub mod controller;
-pub mod error;
 pub mod hal;
-pub mod motion;
-#[cfg(test)]
-mod random;
 pub mod scpi;
 pub mod settings;
-pub mod stepgen;
 pub mod store;
 pub mod tasks;
-pub mod units;
-pub mod wire;
+
+pub use stage_kernel::{compensation, error, motion, refill, stepgen, units, wire};

@@ -8,6 +8,7 @@ use crate::compensation::calibration::{Calibration, MotorData, row_bits};
 use crate::compensation::law::Switches;
 use crate::motion::budget::{Rates, take_up_quarter};
 use crate::stepgen::timing::MotorTiming;
+use crate::units::steps::{steps_to_units, units_to_steps};
 use crate::units::{AXES, Axis, wide};
 use serde::{Deserialize, Serialize};
 
@@ -197,21 +198,6 @@ pub fn uncalibrated(axis: Axis, step_q32: u64) -> MotorData {
 /// Step size while nothing else is known, Q32: 50 nm or 4 urad.
 pub fn default_step_q32(axis: Axis) -> u64 {
     if axis.is_rotary() { 4_000 << 32 } else { 50 << 32 }
-}
-
-/// Whole units of a step count; saturates.
-#[inline(never)]
-pub fn steps_to_units(steps: i64, step_q32: u64) -> i64 {
-    let units = (i128::from(steps) * i128::from(step_q32) + (1 << 31)) >> 32;
-    wide::within(units, i64::MIN.into(), i64::MAX.into()) as i64
-}
-
-/// Steps nearest to a length, halves away from zero.
-#[inline(never)]
-pub fn units_to_steps(units: i64, step_q32: u64) -> i64 {
-    let doubled = wide::div(u128::from(units.unsigned_abs()) << 33, u128::from(step_q32.max(1)));
-    let steps = ((doubled + 1) >> 1) as i64;
-    if units < 0 { -steps } else { steps }
 }
 
 impl AxisSettings {

@@ -2,9 +2,9 @@
 
 use crate::controller::front::Front;
 use crate::controller::links::Links;
-use crate::controller::safety::Halt;
 use crate::error::{Error, ErrorNumber};
 use crate::hal::{Hal, Port, PortEvent, Signs};
+use crate::refill::safety::Halt;
 
 /// Bytes that are handed to a port at once.
 const CHUNK: usize = 64;

@@ -9,10 +9,10 @@
 use crate::flash::{Flash, at_once};
 use crate::machine::Machine;
 use crate::twin::{Mechanics, Switches};
-use stage_controller::controller::border::{Order, Orders, Report};
 use stage_controller::controller::front::Front;
-use stage_controller::controller::generator::Generator;
-use stage_controller::controller::safety::{Cause, Halt, Inputs, Watch};
+use stage_controller::refill::border::{Order, Orders, Report};
+use stage_controller::refill::generator::Generator;
+use stage_controller::refill::safety::{Cause, Halt, Inputs, Watch};
 use stage_controller::stepgen::segment::Words;
 use stage_controller::stepgen::timing::MAX_GRID;
 use stage_controller::store::{Buffer, RECORD_CAPACITY, Store, service};

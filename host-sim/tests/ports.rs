@@ -3,12 +3,12 @@
 use host_sim::board::Queue;
 use host_sim::machine::Machine;
 use host_sim::session::power_up;
-use stage_controller::controller::border::{Order, Report};
 use stage_controller::controller::front::Front;
-use stage_controller::controller::generator::Generator;
 use stage_controller::controller::links::Links;
-use stage_controller::controller::safety::{Halt, Watch};
 use stage_controller::hal::{Hal, Port, PortEvent, Signs};
+use stage_controller::refill::border::{Order, Report};
+use stage_controller::refill::generator::Generator;
+use stage_controller::refill::safety::{Halt, Watch};
 use stage_controller::stepgen::segment::Words;
 use stage_controller::store::Standstill;
 use stage_controller::tasks::Controller;

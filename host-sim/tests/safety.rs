@@ -6,7 +6,7 @@ use host_sim::machine::Machine;
 use host_sim::session::{block_of, power_up};
 use stage_controller::controller::front::{Front, Health};
 use stage_controller::controller::links::Links;
-use stage_controller::controller::safety::Cause;
+use stage_controller::refill::safety::Cause;
 use stage_controller::units::AXES;
 
 const NO_ERROR: &str = "0,\"No error\"";

@@ -21,9 +21,9 @@ use embassy_stm32::Peripherals;
 use embassy_stm32::interrupt::Priority;
 use embassy_stm32::pac;
 use refill::Border;
-use stage_controller::controller::border::{Order, Report};
-use stage_controller::controller::safety::{Halt, Watch};
 use stage_controller::hal::{Hal, Signs};
+use stage_controller::refill::border::{Order, Report};
+use stage_controller::refill::safety::{Halt, Watch};
 use stage_controller::store::Standstill;
 use stage_controller::store::standstill::Keeper;
 

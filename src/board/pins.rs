@@ -19,7 +19,7 @@
 //! PA4..PA7, PA9, PA10, PA13, PA14, PB3, PB6, PB9, PB10, PC0, PC3, PC7, PC10, PC12, PC14, PC15, PD4, PD5, PE0, PE1,
 //! PE3, PH0, PH1 (UM1472, table 7).
 
-use stage_controller::controller::safety::Inputs;
+use stage_controller::refill::safety::Inputs;
 use stage_controller::units::AXES;
 
 /// A port; its number is that of EXTI's multiplexer (RM0090, 9.2.3).

@@ -19,10 +19,10 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Timer;
 use heapless::spsc::{Consumer, Producer, Queue};
-use stage_controller::controller::border::{Order, Report};
-use stage_controller::controller::generator::Generator;
-use stage_controller::controller::safety::{Cause, Halt, Watch};
-use stage_controller::controller::stream::{Stream, Wishes};
+use stage_controller::refill::border::{Order, Report};
+use stage_controller::refill::generator::Generator;
+use stage_controller::refill::safety::{Cause, Halt, Watch};
+use stage_controller::refill::stream::{Stream, Wishes};
 use static_cell::StaticCell;
 
 /// Orders on their way down; one place of a queue stays empty.

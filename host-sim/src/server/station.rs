@@ -11,7 +11,7 @@ use mio::unix::SourceFd;
 use mio::{Interest, Poll, Token};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
-use stage_controller::controller::safety::Inputs;
+use stage_controller::refill::safety::Inputs;
 use stage_controller::store::Store;
 use stage_controller::units::decimal::{Formatted, Unit};
 use stage_controller::units::{Axis, SEGMENT_NS};

@@ -11,10 +11,10 @@ use crate::scpi::response::{Response, axis_unit};
 use crate::scpi::tree::Command as C;
 use crate::settings::{
     AxisSettings, BacklashMode, RATE_MIN, STEPS_MAX, TAKE_UP_SHARE_MAX, TAKE_UP_SHARE_MIN, default_step_q32,
-    steps_to_units,
 };
 use crate::stepgen::timing::MotorTiming;
 use crate::units::decimal::{Displacement, Unit};
+use crate::units::steps::steps_to_units;
 use crate::units::{Axis, COORDINATE_LIMIT, SEGMENT_TICKS};
 
 /// Words of BACKlash:MODE, in the order of [`MODE`].

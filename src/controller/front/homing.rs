@@ -19,10 +19,11 @@ use super::orders::Waiting;
 use super::{Front, refuse};
 use crate::compensation::backlash::Flank;
 use crate::compensation::law::Law;
-use crate::controller::safety::{Cause, Halt};
 use crate::error::{Error, ErrorNumber};
 use crate::motion::planner::Desire;
-use crate::settings::{Side, units_to_steps};
+use crate::refill::safety::{Cause, Halt};
+use crate::settings::Side;
+use crate::units::steps::units_to_steps;
 use crate::units::{Axis, COORDINATE_LIMIT, MotorSteps};
 
 /// Distance of the reference point from the switch, nm: beyond what a snap-action switch takes to open again.

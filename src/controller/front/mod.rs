@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! It never touches a word. What it knows of the motion comes from the latest [`Report`]; what it wants goes down as
-//! [`Order`](super::border::Order)s. Changes of the law, of counts and of pulses happen at standstill only and leave
+//! [`Order`](crate::refill::border::Order)s. Changes of the law, of counts and of pulses happen at standstill only and leave
 //! every motor where it is: the logical pose is recomputed by the forward map.
 
 mod calibration;
@@ -25,14 +25,14 @@ use safety::{EmergencyStop, Events};
 use storage::Storage;
 pub use storage::{Start, StorageRequest};
 
-use super::border::Report;
-use super::safety::{Inputs, Watch};
 use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
 use crate::error::{Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
 use crate::motion::planner::{Capability, Planner, Versioned};
+use crate::refill::border::Report;
+use crate::refill::safety::{Inputs, Watch};
 use crate::settings::{self, Settings};
 use crate::stepgen::timing::Timing;
 use crate::units::{AXES, Axis, MotorSteps, Pose, SEGMENT_TICKS, wide};

@@ -5,7 +5,7 @@
 
 use super::Front;
 use crate::compensation::backlash::{Flank, PlayConfig};
-use crate::controller::border::{Action, Order};
+use crate::refill::border::{Action, Order};
 use crate::units::{MotorSteps, Pose};
 
 /// An action that waits, see [`Action`].

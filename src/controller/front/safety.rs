@@ -7,8 +7,8 @@
 
 use super::Front;
 use super::homing::switch_text;
-use crate::controller::safety::{Cause, Watch};
 use crate::error::{Error, ErrorNumber};
+use crate::refill::safety::{Cause, Watch};
 use crate::settings::{Side, Wiring};
 use crate::units::{AXES, Axis, Pose};
 

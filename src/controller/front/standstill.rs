@@ -9,6 +9,7 @@ use crate::motion::limits::{AxisLimits, Limits};
 use crate::settings;
 use crate::settings::Settings;
 use crate::stepgen::timing::Timing;
+use crate::units::steps::units_to_steps;
 use crate::units::{AXES, Axis, MotorSteps};
 
 impl Front {
@@ -35,7 +36,7 @@ impl Front {
         let mut steps = self.report.final_steps;
         for _ in 0..8 {
             let lack = x - i64::from(law.forward(steps).0[i]);
-            let by = settings::units_to_steps(lack, law.step_q32(i));
+            let by = units_to_steps(lack, law.step_q32(i));
             if by == 0 {
                 break;
             }

@@ -6,10 +6,10 @@
 //! with the next refill. The large parts are borrowed, so that a program may keep them where it has room.
 
 use crate::play::Rig;
-use stage_controller::controller::border::{Order, Orders};
 use stage_controller::controller::front::{Front, ORDERS};
-use stage_controller::controller::generator::Generator;
 use stage_controller::controller::links::Links;
+use stage_controller::refill::border::{Order, Orders};
+use stage_controller::refill::generator::Generator;
 use stage_controller::stepgen::segment::Words;
 use stage_controller::units::{SEGMENT_NS, SEGMENT_TICKS};
 

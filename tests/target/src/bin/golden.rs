@@ -6,8 +6,8 @@
 
 use core::fmt::{self, Write};
 use stage_controller::controller::front::Front;
-use stage_controller::controller::generator::Generator;
 use stage_controller::controller::links::Links;
+use stage_controller::refill::generator::Generator;
 use target_tests::halves::{Halves, Wires};
 use target_tests::play::play;
 use target_tests::record::Record;

@@ -15,9 +15,9 @@ mod target {
     use cortex_m_rt::entry;
     use embassy_stm32 as _; // the interrupt vectors
     use stage_controller::compensation::calibration::BLOCK_CAPACITY;
-    use stage_controller::controller::border::Report;
     use stage_controller::controller::front::Front;
     use stage_controller::error::Error;
+    use stage_controller::refill::border::Report;
     use stage_controller::units::AXES;
     use static_cell::StaticCell;
 

@@ -3,7 +3,7 @@
 use super::bounds::Bounds;
 use crate::compensation::law::{Law, Remembered};
 use crate::error::{Error, ErrorNumber};
-use crate::settings::steps_to_units;
+use crate::units::steps::steps_to_units;
 use crate::units::{ANGLE_LIMIT, AXES, Axis, COORDINATE_LIMIT, FinePose, Pose};
 
 /// Limits of one axis and of its motor.
