@@ -221,6 +221,13 @@ impl Generator {
         if orders.peek().is_some() {
             self.take_orders(orders);
         }
+        self.make(words, cleared);
+    }
+
+    /// The next segment as things stand. No part of it is generic, so that it is compiled with this crate and as this
+    /// crate is: for speed.
+    #[inline(never)]
+    fn make(&mut self, words: &mut Words, cleared: bool) {
         if !cleared || self.timing.grid() != 1 {
             clear(words, &self.timing);
         }
@@ -352,6 +359,7 @@ impl Generator {
     }
 
     /// Which axes move, and until when nothing ends.
+    #[inline(never)]
     fn look_at_tracks(&mut self) {
         (self.moving, self.next_end) = (0, u64::MAX);
         for (slot, running) in self.tracks.iter().enumerate() {
@@ -381,6 +389,7 @@ impl Generator {
     }
 
     /// Applies an order; false when the state does not allow it.
+    #[inline(never)]
     fn apply(&mut self, order: &Order) -> bool {
         let at_rest = self.running == 0 && !self.motors.iter().any(|motor| motor.now.play.is_taking_up());
         match &order.action {
@@ -531,7 +540,7 @@ impl Generator {
     }
 
     /// The same, written over another report; what the stream knows stays.
-    #[inline(always)]
+    #[inline(never)]
     pub fn tell(&self, played: u64, report: &mut Report) {
         let flags = match self.start_of(played) {
             Some(start) => {
