@@ -6,7 +6,7 @@ use host_sim::session::power_up;
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use stage_controller::hal::{Hal, Port, PortEvent, Signs};
-use stage_controller::refill::border::{Order, Report};
+use stage_controller::refill::border::{Action, Order, Report};
 use stage_controller::refill::generator::Generator;
 use stage_controller::refill::safety::{Halt, Watch};
 use stage_controller::stepgen::segment::Words;
@@ -94,7 +94,7 @@ impl Hal for Desk {
     }
 
     fn order(&mut self, order: Order) {
-        if order.segment.is_some() && self.kept_before_motion.is_none() {
+        if matches!(order.action, Action::Run { .. }) && self.kept_before_motion.is_none() {
             self.kept_before_motion = self.kept.last().copied();
         }
         self.orders.0.push_back(order);

@@ -95,9 +95,14 @@ impl Hal for Board {
     }
 
     fn order(&mut self, order: Order) {
+        let waits = order.segment.is_some();
         let taken = self.border.orders.enqueue(order).is_ok();
         debug_assert!(taken, "only when there is room");
-        refill::attend_if_standing();
+        if waits {
+            refill::attend_if_standing();
+        } else {
+            refill::attend();
+        }
     }
 
     fn halt(&mut self, halt: Halt) {

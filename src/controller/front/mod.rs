@@ -30,7 +30,7 @@ use crate::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData};
 use crate::compensation::law::Law;
 use crate::error::{Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
-use crate::motion::planner::{Capability, Planner, Versioned};
+use crate::motion::planner::{Capability, Ordered, Planner, Versioned};
 use crate::refill::border::Report;
 use crate::refill::safety::{Inputs, Watch};
 use crate::settings::{self, Settings};
@@ -249,7 +249,7 @@ impl Front {
         self.anchor = self.anchor.filter(|anchor| !answered(anchor.sequence));
         self.show_anchor();
         self.storage.answered(answered);
-        if self.planner.answer(report.answered, report.refused, report.next) {
+        if self.planner.answer(report.answered, report.refused, report.begun, report.next) {
             let taken = report.next.saturating_sub(self.planned_from);
             let needed = if taken < QUICK { 0 } else { taken + taken / 4 };
             self.lead = (self.lead * 2).max(needed).min(LEAD_MAX);
@@ -280,6 +280,7 @@ impl Front {
         let (orders, sequence, aborts) = (&mut self.orders, &mut self.sequence, self.report.aborts);
         let answered = self.report.answered;
         let planned_from = self.report.next;
+        let stands = self.report.settled && answered == *sequence;
         let result = self.planner.plan(&self.capability, segment, &mut |proposal| {
             self.planned_from = planned_from;
             if sequence.wrapping_sub(answered) >= UNANSWERED {
@@ -287,8 +288,10 @@ impl Front {
             }
             *sequence = sequence.wrapping_add(1);
             let action = Waiting::Run { slot: proposal.slot };
-            let order = WaitingOrder { sequence: *sequence, segment: Some(proposal.segment), aborts, action };
-            orders.push_back(order).ok().map(|()| *sequence)
+            let at_once = proposal.alone && stands;
+            let segment = (!at_once).then_some(proposal.segment);
+            let order = WaitingOrder { sequence: *sequence, segment, aborts, action };
+            orders.push_back(order).ok().map(|()| Ordered { sequence: *sequence, at_once })
         });
         if let Err(error) = result {
             self.late_error = Some(error);

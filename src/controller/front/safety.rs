@@ -245,7 +245,7 @@ impl Front {
         let halt = self.report.halt;
         if !asked {
             // what was still unanswered may have been running
-            self.planner.answer(self.report.answered, self.report.refused, 0);
+            self.planner.answer(self.report.answered, self.report.refused, self.report.begun, 0);
             self.judge_speeds(self.report.halted);
         }
         match halt.cause {

@@ -11,11 +11,11 @@ use crate::units::{AXES, MotorSteps, Pose};
 #[derive(Clone, Copy, Debug)]
 #[allow(clippy::large_enum_variant)] // a bounded queue has no heap to box into
 pub enum Action {
-    /// Run a track in a slot from the named segment, in place of what runs there.
+    /// Run a track in a slot from the segment at which it takes effect, in place of what runs there.
     Run {
         /// Which slot.
         slot: u8,
-        /// The track; it begins with the named segment.
+        /// The track; it begins with that segment.
         track: Track,
     },
     /// Another law. Only at standstill; an [`Action::Anchor`] follows.
@@ -60,7 +60,7 @@ pub struct Order {
     /// Number of the order, for its answer.
     pub sequence: u16,
     /// The segment with which it takes effect; an order for a segment already generated is refused.
-    /// None: as soon as it is seen.
+    /// None: as soon as it is seen; a track says by [`Report::begun`] when that was.
     pub segment: Option<u64>,
     /// Aborts that the front knew of when it gave the order: an order from before an abort is refused.
     pub aborts: u16,
@@ -97,6 +97,8 @@ pub struct Report {
     pub answered: u16,
     /// Bit k: the order `answered - k` was refused.
     pub refused: u32,
+    /// The segment with which the last track began that was to begin as soon as it was seen.
+    pub begun: u64,
     /// Motor counts, overlay included, at the end of what was played.
     pub counts: MotorSteps,
     /// Motor counts without the overlay, at the end of what was played.

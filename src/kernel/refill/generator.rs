@@ -144,6 +144,8 @@ pub struct Generator {
     answered: u16,
     refused: u32,
     aborts: u16,
+    /// See [`Report::begun`].
+    begun: u64,
     /// The segment in which the last abort was.
     halted: u64,
     /// Segments completely played, as far as known.
@@ -191,6 +193,7 @@ impl Generator {
             answered: 0,
             refused: 0,
             aborts: 0,
+            begun: 0,
             halted: 0,
             played: 0,
             stepping: Stepping::default(),
@@ -398,6 +401,9 @@ impl Generator {
                     place.track = *track;
                     (place.start, place.cursor, place.axes) = (self.segment, 0, track.axes());
                     self.running |= 1 << slot;
+                    if order.segment.is_none() {
+                        self.begun = self.segment;
+                    }
                     true
                 }
                 None => false,
@@ -522,6 +528,20 @@ impl Generator {
         self.tell(self.segment, report);
     }
 
+    /// Takes back what was made from `segment` on, if nothing moves in it: what is to begin as soon as possible need
+    /// not wait until that silence has played. The words are as hardware has cleared them, so they stay.
+    #[inline(never)]
+    pub fn take_back(&mut self, segment: u64) {
+        let back = self.segment.saturating_sub(segment);
+        if back > u64::from(self.steady) || back >= HISTORY as u64 {
+            return;
+        }
+        self.segment = segment;
+        self.steady -= back as u8;
+        self.stepping.up >>= 8 * back;
+        self.stepping.down >>= 8 * back;
+    }
+
     /// The segment that is generated next.
     pub fn next_segment(&self) -> u64 {
         self.segment
@@ -558,7 +578,7 @@ impl Generator {
         (report.moving, report.taking_up, report.negative) = (flags.moving, flags.taking_up, flags.negative);
         (report.known, report.owing) = (flags.known, flags.owing);
         report.settled = played >= self.busy_until;
-        (report.aborts, report.halted) = (self.aborts, self.halted);
+        (report.aborts, report.halted, report.begun) = (self.aborts, self.halted, self.begun);
         (report.stepping_up, report.stepping_down) =
             self.stepping.last((self.segment as u32).wrapping_sub(played as u32));
     }

@@ -6,6 +6,10 @@
 //! the refill makes segment k + [`AHEAD`]; the room of segment k - 2 has been cleared by then. All of it runs in the
 //! refill interrupt; the hardware is a [`StepSink`].
 //!
+//! # At rest
+//! An order that is to take effect as soon as it is seen does not wait for the silence that was made ahead: that is taken
+//! back, as far as there is time to make it anew.
+//!
 //! # When it stops
 //! Whoever stops the hardware says why by a [`Halt`]; the next [`Stream::service`] rolls the generator back to the word
 //! that was really played, and starts anew. After an emergency stop it stays silent until it is armed again.
@@ -64,6 +68,12 @@ enum State {
     Paused,
 }
 
+/// The first segment that can still be made while the named one plays, of which so many words have.
+fn in_time((segment, tick): (u64, usize)) -> u64 {
+    let next = segment + 1;
+    if SEGMENT_TICKS - tick > MARGIN as usize { next } else { next + 1 }
+}
+
 /// Keeps the ring filled.
 #[repr(C)] // the large part last, so that the rest lies within the reach of one load
 pub struct Stream {
@@ -111,7 +121,12 @@ impl Stream {
                     sink.stop();
                     self.state = State::Paused;
                 }
-                None => playing = self.fill(sink, orders, at.0),
+                None => {
+                    if orders.peek().is_some_and(|order| order.segment.is_none()) {
+                        self.generator.take_back(in_time(at));
+                    }
+                    playing = self.fill(sink, orders, at.0);
+                }
             }
         } else if halt.is_some_and(|halt| halt.cause == Cause::EmergencyStop) && self.state == State::Paused {
             self.latch(Halt { cause: Cause::EmergencyStop, ..Halt::default() });

@@ -4,7 +4,8 @@ use super::checked::Checked;
 use super::share::Asking;
 use super::slot::{Active, Flight, Intent};
 use super::{
-    COORDINATED, Capability, Desire, Planner, Proposal, SLOTS, Versioned, go_along, straight, unplannable, with_speed,
+    COORDINATED, Capability, Desire, Ordered, Planner, Proposal, SLOTS, Versioned, go_along, straight, unplannable,
+    with_speed,
 };
 use crate::error::Error;
 use crate::motion::bounds::{PATH_ONE, Path};
@@ -19,8 +20,8 @@ use crate::units::{AXES, Axis, COORDINATE_LIMIT, Pose, wide};
 const LONGEST_JOG: i64 = 1 << 30;
 
 impl Planner {
-    /// Turns desires and goals into tracks that begin with `segment`; each is given to `order`, which answers the
-    /// sequence number under which the generator was told, or none when the queue is full.
+    /// Turns desires and goals into tracks that begin with `segment`; each is given to `order`, which answers how
+    /// the generator was told, or none when the queue is full.
     ///
     /// # Errors
     /// The first limit that a waiting goal or desire turned out to break; it is dropped, the others go on.
@@ -28,9 +29,12 @@ impl Planner {
         &mut self,
         capability: &Versioned<Capability>,
         segment: u64,
-        order: &mut dyn FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<Ordered>,
     ) -> Result<(), Error> {
         self.merge(segment);
+        if self.slots.iter().any(|s| s.flight.is_some_and(|flight| flight.at_once)) {
+            return Ok(());
+        }
         for slot in 0..SLOTS {
             self.plan_changes(capability, slot, segment, order);
         }
@@ -69,7 +73,7 @@ impl Planner {
         capability: &Capability,
         slot: usize,
         segment: u64,
-        order: &mut dyn FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<Ordered>,
     ) {
         let entry = &mut self.slots[slot];
         if entry.flight.is_some() || !(entry.stop || entry.replan) {
@@ -125,15 +129,22 @@ impl Planner {
         active: Active,
         intent: Intent,
         segment: u64,
-        order: &mut dyn FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<Ordered>,
     ) -> bool {
-        match order(Proposal { slot: slot as u8, segment }) {
-            Some(sequence) => {
-                self.slots[slot].flight = Some(Flight { sequence, active, intent });
+        match order(Proposal { slot: slot as u8, segment, alone: self.is_alone() }) {
+            Some(Ordered { sequence, at_once }) => {
+                self.slots[slot].flight = Some(Flight { sequence, active, intent, at_once });
                 true
             }
             None => false,
         }
+    }
+
+    /// Nothing runs, and one thing only is to begin.
+    fn is_alone(&self) -> bool {
+        let wanted =
+            self.desires.iter().filter(|desire| **desire != Desire::None).count() + usize::from(self.goal.is_some());
+        wanted == 1 && !self.is_running()
     }
 
     #[inline(never)]
@@ -142,7 +153,7 @@ impl Planner {
         capability: &Versioned<Capability>,
         goal: Pose,
         segment: u64,
-        order: &mut dyn FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<Ordered>,
     ) -> Result<(), Error> {
         if self.slots.iter().any(|s| s.flight.is_some()) {
             return Ok(());
@@ -221,7 +232,7 @@ impl Planner {
         capability: &Capability,
         axis: Axis,
         segment: u64,
-        order: &mut dyn FnMut(Proposal) -> Option<u16>,
+        order: &mut dyn FnMut(Proposal) -> Option<Ordered>,
     ) -> Result<(), Error> {
         let i = axis.index();
         if self.desires[i] == Desire::None {

@@ -80,6 +80,17 @@ pub struct Proposal {
     pub slot: u8,
     /// With which segment it begins.
     pub segment: u64,
+    /// Nothing else runs or is to begin: if the stage stands it may as well begin as soon as the generator sees it.
+    pub alone: bool,
+}
+
+/// How a proposal was ordered.
+#[derive(Clone, Copy, Debug)]
+pub struct Ordered {
+    /// Sequence number of the order.
+    pub sequence: u16,
+    /// The track begins as soon as the generator sees it.
+    pub at_once: bool,
 }
 
 /// Duration and peak rates of a move that is only looked at.
@@ -284,10 +295,11 @@ impl Planner {
     }
 
     /// The answers of the generator: `answered` is the last order that it has seen, bit k of `refused` says that
-    /// order `answered - k` was refused. What has ended before `segment` goes into the base.
+    /// order `answered - k` was refused. `begun`: where the track began that was to begin as soon as it was seen. What
+    /// has ended before `segment` goes into the base.
     ///
     /// True when one was refused.
-    pub fn answer(&mut self, answered: u16, refused: u32, segment: u64) -> bool {
+    pub fn answer(&mut self, answered: u16, refused: u32, begun: u64, segment: u64) -> bool {
         let mut any_refused = false;
         for i in 0..SLOTS {
             let Some(flight) = self.slots[i].flight else { continue };
@@ -297,7 +309,10 @@ impl Planner {
             }
             self.slots[i].flight = None;
             if age < 32 && refused >> age & 1 == 0 {
-                self.slots[i].active = Some(flight.active);
+                let active = self.slots[i].active.insert(flight.active);
+                if flight.at_once {
+                    active.start = begun;
+                }
             } else {
                 any_refused = true;
                 self.want_again(i, flight.intent, flight.active.stopping);

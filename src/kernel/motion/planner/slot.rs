@@ -59,6 +59,8 @@ pub(super) struct Flight {
     pub sequence: u16,
     pub active: Active,
     pub intent: Intent,
+    /// It begins as soon as the generator sees it; until the answer its start is a guess, and nothing is planned.
+    pub at_once: bool,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
