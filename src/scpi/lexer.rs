@@ -87,7 +87,20 @@ impl Framer {
     }
 
     /// Takes the next byte.
+    #[inline(always)]
     pub fn step(&mut self, byte: u8) -> Class {
+        // Letters, digits, signs and points of a message: most bytes are such. What else means something lies before.
+        if byte > b','
+            && let State::Text { gap } = &mut self.state
+        {
+            *gap = false;
+            return Class::Text;
+        }
+        self.step_any(byte)
+    }
+
+    #[inline(never)]
+    fn step_any(&mut self, byte: u8) -> Class {
         let (state, class) = match self.state {
             State::Block { left } => (after_block(left - 1), Class::BlockData),
             _ if byte == CLEAR => (State::LineStart, Class::Clear),

@@ -72,6 +72,8 @@ impl Standstill {
 pub struct Keeper {
     sequence: u32,
     last: Option<Standstill>,
+    /// The copy that says that motion begins, made beforehand: a move need not wait for it.
+    begin: Option<[u8; STANDSTILL_BYTES]>,
 }
 
 impl Keeper {
@@ -84,7 +86,7 @@ impl Keeper {
             (None, b) => b,
         };
         let (sequence, last) = newest.unzip();
-        (Keeper { sequence: sequence.unwrap_or(0), last }, last)
+        (Keeper { sequence: sequence.unwrap_or(0), last, begin: None }, last)
     }
 
     /// The copy to be written before anything else happens, and its number; none while nothing has changed.
@@ -93,9 +95,14 @@ impl Keeper {
         if self.last == Some(now) || now.moving && self.last.is_some_and(|last| last.moving) {
             return None;
         }
+        let (mut rest, mut start) = (now, now);
+        (rest.moving, start.moving) = (false, true);
+        let prepared = self.begin.take().filter(|_| now.moving && self.last == Some(rest));
         self.sequence = self.sequence.wrapping_add(1);
         self.last = Some(now);
-        Some(((self.sequence & 1) as usize, now.encode(self.sequence)))
+        let copy = prepared.unwrap_or_else(|| now.encode(self.sequence));
+        self.begin = (!now.moving).then(|| start.encode(self.sequence.wrapping_add(1)));
+        Some(((self.sequence & 1) as usize, copy))
     }
 }
 

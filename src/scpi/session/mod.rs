@@ -188,20 +188,29 @@ impl Session {
         if core::mem::take(&mut self.abort_now) {
             instrument.abort(self.link);
         }
-        loop {
-            self.status.observe(&instrument.conditions());
-            if !instrument.operation_pending() {
-                self.status.operation_ended();
-            }
-            if !self.busy && !self.refill() {
-                return progress;
-            }
+        self.look_at(instrument);
+        while self.busy || self.refill() {
             match self.step(instrument) {
-                Step::Blocked => return progress,
-                Step::Command if self.aborts_ahead > 0 => instrument.abort(self.link),
-                Step::Command | Step::Other => {}
+                Step::Blocked => break,
+                Step::Command => {
+                    if self.aborts_ahead > 0 {
+                        instrument.abort(self.link);
+                    }
+                    self.look_at(instrument);
+                }
+                // it has changed nothing
+                Step::Other => {}
             }
             progress = true;
+        }
+        progress
+    }
+
+    /// Takes over what the instrument's state says of status and pending operations.
+    fn look_at(&mut self, instrument: &impl Instrument) {
+        self.status.observe(&instrument.conditions());
+        if !instrument.operation_pending() {
+            self.status.operation_ended();
         }
     }
 
