@@ -17,6 +17,18 @@ const EXPONENT_LIMIT: i32 = 32_000;
 const FACTOR_BITS: u32 = 100;
 /// pi / 180 * 10^9 in Q100.
 const NRAD_PER_DEG: u128 = 22_124_676_738_864_985_353_824_172_855_290_083_076;
+/// The same for a degree, its tenth, and so on: no division for numbers below [`SHORT`], which moves them by less than
+/// 2^-60 nrad.
+const NRAD_PER_PART: [u128; 10] = {
+    let mut parts = [NRAD_PER_DEG; 10];
+    let mut n = 1;
+    while n < parts.len() {
+        parts[n] = NRAD_PER_DEG / 10u128.pow(n as u32);
+        n += 1;
+    }
+    parts
+};
+const SHORT: u128 = 1 << 40;
 /// 180 / pi / 10^9 * 10^8 in Q120: units of 10^-8 degree per nanoradian.
 const E8_DEG_PER_NRAD: u128 = 7_615_915_416_910_885_643_922_812_869_023_816_652;
 const TEN_19: u64 = 10_000_000_000_000_000_000;
@@ -161,14 +173,30 @@ impl Decimal {
             return None;
         }
         let whole = (0..power.max(0)).fold(self.digits, |digits, _| digits * 10);
-        let mut product = multiply(whole, if factor.degrees { NRAD_PER_DEG } else { 1 << FACTOR_BITS });
         let mut divide_by = (-power).max(0) as u32;
+        // nm and nrad, and um with three decimals
+        if !factor.degrees && divide_by == 0 && bits == 0 {
+            return self.signed(whole);
+        }
+        let by = match NRAD_PER_PART.get(divide_by as usize).filter(|_| factor.degrees && whole < SHORT) {
+            Some(nrad) => {
+                divide_by = 0;
+                *nrad
+            }
+            None if factor.degrees => NRAD_PER_DEG,
+            None => 1 << FACTOR_BITS,
+        };
+        let mut product = multiply(whole, by);
         while divide_by > 0 {
             let step = divide_by.min(19);
             divide(&mut product, if step == 19 { TEN_19 } else { 10u64.pow(step) });
             divide_by -= step;
         }
-        let magnitude = i64::try_from(round_shift(product, FACTOR_BITS.checked_sub(bits)?)?).ok()?;
+        self.signed(round_shift(product, FACTOR_BITS.checked_sub(bits)?)?)
+    }
+
+    fn signed(&self, magnitude: u128) -> Option<i64> {
+        let magnitude = i64::try_from(magnitude).ok()?;
         Some(if self.negative { -magnitude } else { magnitude })
     }
 }
