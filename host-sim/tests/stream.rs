@@ -216,6 +216,34 @@ fn a_late_refill_leaves_silence_and_an_exact_position() {
 }
 
 #[test]
+fn at_rest_a_move_begins_with_the_next_segment_that_can_be_made_in_time() {
+    let mut seeded = Seeded::new(13);
+    let mut desk = Desk::new();
+    for n in 0..200 {
+        let target = if n % 2 == 0 { THERE } else { [0; AXES] };
+        let rested = seeded.below(12);
+        for _ in 0..rested {
+            desk.segment(0);
+        }
+        let tick = seeded.below(TICKS);
+        desk.hardware.play(tick);
+        desk.pose(target);
+        // the front plans after the first, the stream takes its order in the second
+        desk.service(None);
+        desk.service(None);
+        let wait = desk.last.begun - desk.last.played;
+        let next = if TICKS - tick > MARGIN { 1 } else { 2 };
+        assert!(
+            wait == next || rested < AHEAD && wait <= AHEAD + 1,
+            "{wait} segments at tick {tick}, {rested} at rest"
+        );
+        desk.check();
+        assert_eq!(desk.front.report().steps, desk.steps_of(target));
+        assert_eq!(desk.causes, []);
+    }
+}
+
+#[test]
 fn a_refill_that_never_comes_leaves_silence() {
     let mut desk = Desk::new();
     desk.pose(THERE);

@@ -62,6 +62,8 @@ impl AxisSet {
 pub struct Params<'m> {
     /// None: nothing left. An empty text is a missing parameter, a stray comma.
     rest: Option<&'m [u8]>,
+    /// How many there were at first.
+    count: usize,
 }
 
 impl<'m> Params<'m> {
@@ -71,26 +73,20 @@ impl<'m> Params<'m> {
     /// -102 for a stray comma or parenthesis.
     pub fn new(text: &'m [u8]) -> Result<Self, Error> {
         let text = text.trim_ascii_start();
-        let params = Params { rest: (!text.is_empty()).then_some(text) };
+        let mut params = Params { rest: (!text.is_empty()).then_some(text), count: 0 };
         let mut check = params;
         while let Some(token) = check.split()? {
             if token.is_empty() {
                 return Err(Error::token(ErrorNumber::SyntaxError, text));
             }
+            params.count += 1;
         }
         Ok(params)
     }
 
-    /// How many are left.
-    ///
-    /// # Errors
-    /// -102 as [`Params::new`].
-    pub fn count(mut self) -> Result<usize, Error> {
-        let mut count = 0;
-        while self.split()?.is_some() {
-            count += 1;
-        }
-        Ok(count)
+    /// How many there were before one was taken.
+    pub const fn count(&self) -> usize {
+        self.count
     }
 
     /// An error that names the parameter with this index.

@@ -115,7 +115,7 @@ fn parse<'m>(
     }
     let params = Params::new(params)?;
     let (least, most) = entry.arity(query);
-    let count = params.count()?;
+    let count = params.count();
     if count < least {
         return Err(Error::token(ErrorNumber::MissingParameter, header));
     }

@@ -276,6 +276,13 @@ impl Front {
         if self.hold.is_some() {
             return;
         }
+        if !self.planner.is_moving() {
+            // not sooner: a track that ends within the lead counts as ended, and still runs in the generator
+            if self.report.settled && self.report.answered == self.sequence {
+                self.lead = LEAD;
+            }
+            return;
+        }
         let segment = self.report.next + self.lead;
         let (orders, sequence, aborts) = (&mut self.orders, &mut self.sequence, self.report.aborts);
         let answered = self.report.answered;
@@ -300,10 +307,6 @@ impl Front {
         }
         if self.planner.is_running() {
             self.missed_deadline = false;
-        }
-        // not sooner: a track that ends within the lead counts as ended, and still runs in the generator
-        if !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence {
-            self.lead = LEAD;
         }
     }
 
