@@ -8,7 +8,7 @@ use crate::board::usart::Serial;
 use crate::board::{self, Board, refill, supervision, usb};
 use defmt_rtt as _;
 use embassy_executor::Spawner;
-use embassy_futures::select::select3;
+use embassy_futures::select::select4;
 use embassy_time::{Duration, Instant, Timer};
 use stage_controller::controller::front::{Front, Health, Start};
 use stage_controller::controller::links::Links;
@@ -69,7 +69,7 @@ async fn main(spawner: Spawner) {
         }
         // the other tasks have their turn even if there is more to do
         embassy_futures::yield_now().await;
-        select3(refill::REFILLED.wait(), ARRIVED.wait(), Timer::after(TURN)).await;
+        select4(refill::REFILLED.wait(), ARRIVED.wait(), serial.line_end(), Timer::after(TURN)).await;
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! # Design
 //! Reception runs for ever into a ring of [`RING`] bytes; the controller reads it where it lies. The line going idle wakes
-//! the controller, and it looks around once a millisecond anyhow. A damaged byte stops nothing: the interrupt notes
+//! the controller, and it looks around once a millisecond anyhow. Idle is told a byte after the last one, which is 87 us
+//! at 115200 baud: while a message is coming its LF is looked for more often ([`Serial::line_end`]). A damaged byte stops nothing: the interrupt notes
 //! where it lies in the ring, and what came up to it is dropped. A break is a damaged byte after which the line is
 //! still low.
 //!
@@ -22,6 +23,7 @@ use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::pac::Interrupt;
 use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
+use embassy_time::{Duration, Timer};
 use stage_controller::hal::{Port, PortEvent};
 use static_cell::ConstStaticCell;
 
@@ -29,6 +31,10 @@ use static_cell::ConstStaticCell;
 const RING: usize = 2048;
 /// Bytes that may wait to be sent.
 const OUTPUT: usize = 512;
+/// How often the end of a message that is coming is looked for.
+const LOOK: Duration = Duration::from_micros(20);
+/// Looks without a byte after which its sender seems to rest.
+const LOOKS: u32 = 10;
 /// Clock of USART2, Hz: that of APB1.
 const CLOCK_HZ: u32 = 42_000_000;
 /// Streams of DMA1, both on channel 4 (RM0090, table 42).
@@ -58,6 +64,8 @@ pub struct Serial {
     read: u64,
     /// Bytes of the whole rounds that the stream has gone.
     rounds: u64,
+    /// The last bytes that were taken over end within a message.
+    within: bool,
     output: &'static mut [u8; OUTPUT],
     /// Bytes of the output from `sent`, `waiting` of them, the first `sending` of which the stream has.
     sent: usize,
@@ -95,7 +103,7 @@ impl Serial {
             // SAFETY: the handlers share atomics with the thread.
             unsafe { NVIC::unmask(interrupt) };
         }
-        Serial { baud, read: 0, rounds: 0, output, sent: 0, waiting: 0, sending: 0 }
+        Serial { baud, read: 0, rounds: 0, within: false, output, sent: 0, waiting: 0, sending: 0 }
     }
 
     /// Nothing waits to be sent, and the last bit is out.
@@ -111,6 +119,22 @@ impl Serial {
             set_rate(baud);
         }
         changes
+    }
+
+    /// Waits for an LF, if a message is coming; else, and once its sender rests, for ever.
+    pub async fn line_end(&mut self) {
+        let (mut seen, mut quiet) = (self.read, 0);
+        while self.within && quiet < LOOKS {
+            let written = self.written();
+            if (seen..written).any(|at| received(at) == b'\n') {
+                return;
+            }
+            quiet = if written == seen { quiet + 1 } else { 0 };
+            seen = written;
+            Timer::after(LOOK).await;
+        }
+        self.within = false;
+        core::future::pending().await
     }
 
     /// The processor stood still: if the ring went round meanwhile, nobody knows how often.
@@ -204,6 +228,9 @@ impl Port for Serial {
 
     fn consume(&mut self, count: usize) {
         self.read += count as u64;
+        if count > 0 {
+            self.within = received(self.read - 1) != b'\n';
+        }
     }
 
     fn room(&self) -> usize {
@@ -227,6 +254,13 @@ impl Port for Serial {
             note(PortEvent::Overrun);
         }
     }
+}
+
+/// A byte that has come, by its number.
+fn received(number: u64) -> u8 {
+    let place = (number % RING as u64) as usize;
+    // SAFETY: inside the ring; the stream writes elsewhere, or over a byte that counts as lost.
+    unsafe { INPUT.0.get().cast::<u8>().add(place).read_volatile() }
 }
 
 /// The ring from its first place.
