@@ -62,7 +62,7 @@ impl Bench {
 
     /// Largest advance in a segment at this rate, in Q32.32 steps.
     fn reach(steps_per_second: u32) -> u64 {
-        (u64::from(steps_per_second) << 39) / 1_000_000
+        (u64::from(steps_per_second) << 32) * SEGMENT_TICKS as u64 / 1_000_000
     }
 
     /// Ticks that a turn takes at most, from rising edge to rising edge.
