@@ -15,7 +15,7 @@ use crate::motion::ramp;
 use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
 use crate::units::{AXES, Axis, COORDINATE_LIMIT, Pose, wide};
 
-/// A jog ends after this many segments (38 hours) at the latest: a profile is not made for more.
+/// A jog ends after this many segments (76 hours) at the latest: a profile is not made for more.
 const LONGEST_JOG: i64 = 1 << 30;
 
 impl Planner {
