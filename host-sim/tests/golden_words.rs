@@ -163,7 +163,7 @@ fn a_wrong_answer_and_a_line_that_is_none_stop_a_script() {
         (failed.number, failed.reason)
     };
     assert_eq!(reason("@machine paper\nAXIS1:POS?\n= 1"), (3, Reason::Answered("0.000".try_into().expect("short"))));
-    assert_eq!(reason("# text\n@tick 129"), (2, Reason::Unreadable));
+    assert_eq!(reason("# text\n@tick 257"), (2, Reason::Unreadable));
     assert_eq!(reason("@machine nowhere"), (1, Reason::NoMachine));
     assert_eq!(reason("@machine paper\nSYST:JOG:TIM 100\nAXIS1:MOVE 1\n= 1"), (4, Reason::Silent));
 }

@@ -81,6 +81,12 @@ impl Planner {
         };
         let state = active.state(segment);
         let limits = with_speed(&active.grant, active.speed, capability.override_percent);
+        let (low, high) = active.extent(segment);
+        if !entry.stop && stop_end(state, active.grant.limits).is_ok_and(|end| !(low..=high).contains(&end)) {
+            // nearly there: in whole segments it can no longer stop before its end, and would overshoot and return
+            entry.replan = false;
+            return;
+        }
         let planned = if entry.stop {
             to_velocity(state, 0, active.grant.limits)
         } else {
