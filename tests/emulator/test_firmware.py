@@ -159,7 +159,7 @@ def test_the_refill_comes_at_every_border_again_after_the_stream_has_paused(boar
     saved(board)
     board.run(1000)
     before = board.stats.irq_entries(28)
-    board.run(12_800)
+    board.run(100 * SEGMENT)
     assert board.stats.irq_entries(28) - before >= 99
 
 

@@ -88,6 +88,9 @@ fn timing_covers_what_drivers_ask_for() {
         mixed[4].low_ns = wrong;
         assert_eq!(Timing::new(mixed), None);
     }
+    mixed[4] = MotorTiming { setup_ns: 128_000, hold_ns: 127_001, ..MotorTiming::default() };
+    let timing = Timing::new(mixed).unwrap();
+    assert_eq!((timing.setup_ticks()[4], timing.hold_ticks()[4]), (128, 128));
     mixed[4] = MotorTiming { setup_ns: 128_001, ..MotorTiming::default() };
     assert_eq!(Timing::new(mixed), None);
 }
