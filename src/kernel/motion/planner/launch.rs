@@ -112,6 +112,10 @@ impl Planner {
             (entry.stop, entry.replan) = (false, false);
             return;
         }
+        if stop && !(low..=high).contains(&profile.end_position()) {
+            // it is turning back, perhaps at a limit, and in whole segments would stop behind that: once it has turned
+            return;
+        }
         active.track.profile = profile;
         active.start = segment;
         if stop {
