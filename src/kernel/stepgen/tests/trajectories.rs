@@ -128,9 +128,11 @@ fn walk(asks: super::MotorTiming, segments: u32, random: &mut Random) -> u32 {
         turned += SEGMENT_TICKS as u32;
         let from = bench.position;
         let before = bench.emitter;
+        let mut late = false;
         bench.advance(speed, |tick, count| {
             let due = whole(exact(from, speed, tick + 1));
             assert!((count - due).abs() <= 1, "{count} {due}");
+            late |= (due - count) * speed.signum() > 0;
         });
         let waiting = bench.emitter.waiting();
         assert!(waiting.abs() <= 1);
@@ -139,7 +141,7 @@ fn walk(asks: super::MotorTiming, segments: u32, random: &mut Random) -> u32 {
         let stuck = (before.waiting(), before.emitted()) == (waiting, after.emitted());
         borders = if stuck && waiting != 0 { borders + 1 } else { 0 };
         assert!(borders <= bench.turn_ticks() / SEGMENT_TICKS as u32, "waits too long");
-        waits += u32::from(waiting != 0);
+        waits += u32::from(late);
     }
     waits
 }
@@ -148,8 +150,8 @@ fn walk(asks: super::MotorTiming, segments: u32, random: &mut Random) -> u32 {
 fn motors_that_turn_keep_their_position_and_timing() {
     let random = &mut Random(4);
     let waits: Vec<u32> = DRIVERS.iter().map(|&asks| walk(asks, LONG_RUN, random)).collect();
-    // The run means little unless steps did wait across borders, which takes long DIR times.
-    assert!(waits[5] > 0, "{waits:?}");
+    // The run means little unless steps did wait. Set-up and hold fit into a segment: hardly ever across its border.
+    assert!(waits.iter().all(|waits| *waits > 0), "{waits:?}");
 }
 
 #[test]
