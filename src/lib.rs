@@ -7,7 +7,7 @@
 //!                        ^                     |
 //!                     reports               orders
 //!                        |                     v
-//! words <- stepgen <- compensation <- motion::profile          the refill interrupt, every 128 us
+//! words <- stepgen <- compensation <- motion::profile          the refill interrupt, every 256 us
 //! ```
 //!
 //! - [`scpi`] frames messages, finds their commands in one table and keeps status and answers of each link.

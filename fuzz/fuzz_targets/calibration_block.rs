@@ -11,7 +11,7 @@ use stage_controller::units::{AXES, MotorSteps};
 /// Numbers behind the block: coordinates and step counts.
 const NUMBERS: usize = 2 * AXES * 4;
 /// Segments of a move that are played.
-const SEGMENTS: u64 = 200;
+const SEGMENTS: u64 = 100;
 
 fuzz_target!(|data: &[u8]| {
     let Some((mode, data)) = data.split_first() else { return };

@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 /// Longer than a pause in a block may be, ms.
 const PAUSE_MS: u64 = 3000;
 /// Segments that pass at most between two chunks.
-const CHUNK_SEGMENTS: u8 = 32;
+const CHUNK_SEGMENTS: u8 = 16;
 
 fn board() -> Board {
     static BLOCK: OnceLock<Vec<u8>> = OnceLock::new();

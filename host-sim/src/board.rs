@@ -1,7 +1,7 @@
 //! The virtual board: both halves of the controller, the wires between them, the step output and the stage behind it.
 //!
 //! # Design
-//! One [`Board::step`] is one segment of 128 us: the oldest segment plays, the ring is refilled, orders and reports
+//! One [`Board::step`] is one segment of 256 us: the oldest segment plays, the ring is refilled, orders and reports
 //! arrive. On the chip the front is a thread that the refill interrupt overtakes at any point; here a seeded
 //! generator delays orders and reports by whole segments and lets the ring run low, so that every interleaving of
 //! the two halves can come up, and does again with the same seed.
@@ -460,7 +460,7 @@ impl Board {
         self.played
     }
 
-    /// Virtual time in segments of 128 us.
+    /// Virtual time in segments of 256 us.
     pub fn now(&self) -> u64 {
         self.now
     }

@@ -6,7 +6,7 @@ use stage_controller::controller::links::Links;
 use stage_controller::units::SEGMENT_NS;
 
 /// Virtual time after which a line that is still not answered is given up: three hours.
-const PATIENCE_SEGMENTS: u64 = 84_375_000;
+const PATIENCE_SEGMENTS: u64 = 3 * 3_600_000_000_000 / SEGMENT_NS;
 
 /// A board and its one link.
 pub struct Console {

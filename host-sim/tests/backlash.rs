@@ -263,7 +263,7 @@ fn preload_makes_an_unknown_flank_known_and_the_count_true() {
 fn a_motor_that_turns_again_while_it_takes_up_still_ends_true() {
     let mut board = board(&skewed());
     go(&mut board, Axis::X, 100_000);
-    for ahead in [1, 20, 50, 100, 200, 400] {
+    for ahead in [1, 10, 25, 50, 100, 200] {
         // back by a little, and forward again before the take-up has ended
         board.front.move_absolute(Axis::X, 99_900).unwrap();
         (0..ahead).for_each(|_| board.step(|_| ()));

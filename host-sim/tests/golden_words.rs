@@ -8,6 +8,7 @@ use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use stage_controller::refill::generator::Generator;
 use stage_controller::stepgen::timing::MAX_GRID;
+use stage_controller::units::SEGMENT_TICKS;
 use std::path::{Path, PathBuf};
 use target_tests::halves::{Halves, Wires};
 use target_tests::play::{Reason, Rig, play};
@@ -140,11 +141,11 @@ fn the_kept_blocks_are_what_calibrate_makes() {
 
 #[test]
 fn one_bit_of_one_word_makes_another_record() {
-    let words: [u32; 128] = std::array::from_fn(|i| (i as u32).wrapping_mul(0x9E37_79B9));
+    let words: [u32; SEGMENT_TICKS] = std::array::from_fn(|i| (i as u32).wrapping_mul(0x9E37_79B9));
     let record = |words: &[u32]| {
         let mut record = Record::default();
         record.add_words(words);
-        record.add_words(&[7; 128]);
+        record.add_words(&[7; SEGMENT_TICKS]);
         record
     };
     for (word, bit) in [(0, 0), (0, 31), (63, 14), (127, 31)] {
@@ -152,7 +153,7 @@ fn one_bit_of_one_word_makes_another_record() {
         other[word] ^= 1 << bit;
         assert_ne!(record(&words).words, record(&other).words, "word {word}, bit {bit}");
     }
-    assert_ne!(record(&words).words, record(&words[..127]).words, "a segment cut short");
+    assert_ne!(record(&words).words, record(&words[..SEGMENT_TICKS - 1]).words, "a segment cut short");
 }
 
 #[test]
@@ -162,7 +163,7 @@ fn a_wrong_answer_and_a_line_that_is_none_stop_a_script() {
         (failed.number, failed.reason)
     };
     assert_eq!(reason("@machine paper\nAXIS1:POS?\n= 1"), (3, Reason::Answered("0.000".try_into().expect("short"))));
-    assert_eq!(reason("# text\n@tick 129"), (2, Reason::Unreadable));
+    assert_eq!(reason("# text\n@tick 257"), (2, Reason::Unreadable));
     assert_eq!(reason("@machine nowhere"), (1, Reason::NoMachine));
     assert_eq!(reason("@machine paper\nSYST:JOG:TIM 100\nAXIS1:MOVE 1\n= 1"), (4, Reason::Silent));
 }

@@ -67,7 +67,7 @@ fn messages_sent_back_to_back_are_all_obeyed() {
 fn reset_stops_and_keeps_calibration_and_home() {
     let mut c = console(false);
     c.line("AXIS1:VEL 100;:AXIS1:MOVE 1000", |_| ());
-    for _ in 0..2000 {
+    for _ in 0..1000 {
         c.step(|_| ());
     }
     c.line("*RST", |_| ());
@@ -80,7 +80,7 @@ fn reset_stops_and_keeps_calibration_and_home() {
 fn an_abort_in_mid_move_keeps_the_position_and_the_next_move_is_right() {
     let mut c = console(false);
     c.line("AXIS1:MOVE 1000", |_| ());
-    for _ in 0..1500 {
+    for _ in 0..750 {
         c.step(|_| ());
     }
     assert_eq!(c.line("ABOR;*OPC?", |_| ()), "1");
@@ -136,7 +136,7 @@ fn a_number_of_steps_that_no_stage_has_is_refused() {
 fn a_jog_has_no_target_for_a_relative_move_and_is_in_nobodys_way() {
     let mut c = console(false);
     c.line("AXIS1:MOVE:JOG -10", |_| ());
-    for _ in 0..2000 {
+    for _ in 0..1000 {
         c.step(|_| ());
     }
     assert!(errors(&mut c, "AXIS1:MOVE:REL 5").starts_with("104,"));
@@ -169,7 +169,7 @@ fn settings_in_a_burst_do_not_make_a_running_track_look_refused() {
         }
         c.settle(&mut watch);
         // 20 mm/s^2 in steps of 50 nm per segment^2
-        assert!(peak as f64 / 4_294_967_296.0 <= 0.00656, "seed {seed}: {}", peak as f64 / 4_294_967_296.0);
+        assert!(peak as f64 / 4_294_967_296.0 <= 0.02624, "seed {seed}: {}", peak as f64 / 4_294_967_296.0);
     }
 }
 
@@ -193,7 +193,7 @@ fn beyond_the_travel_the_way_back_in_is_free() {
     assert_eq!(errors(&mut c, "AXIS1:POS:SET 5010"), "0,\"No error\"");
     assert!(errors(&mut c, "AXIS1:LIM:SOFT:STAT OFF;:AXIS1:MOVE 5020").starts_with("-222,"));
     assert_eq!(errors(&mut c, "AXIS1:MOVE:JOG -100"), "0,\"No error\"");
-    for _ in 0..3000 {
+    for _ in 0..1500 {
         c.step(|_| ());
     }
     assert_eq!(errors(&mut c, "STOP;*WAI"), "0,\"No error\"");

@@ -251,8 +251,8 @@ fn along_a_slow_line_the_law_is_smooth() {
         let (mut peak, mut squares, mut count) = ([0.0_f64; AXES], [0.0; AXES], 0.0);
         let mut last = [[0i64; AXES]; 3];
         for k in 0..40_000i64 {
-            // 0.2 nm or nrad and a fraction a segment, 1.6 um/s
-            let along = |w: f64| ((k * 876_543_211) as f64 * w) as i64;
+            // 0.4 nm or nrad and a fraction a segment, 1.6 um/s
+            let along = |w: f64| ((k * 1_753_086_422) as f64 * w) as i64;
             let turn = if name == "all six" { 1.0 } else { 0.0 };
             let pose = FinePose([
                 along(way[0]),

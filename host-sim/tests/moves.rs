@@ -38,7 +38,7 @@ fn a_coordinated_move_ends_on_the_same_segment_for_all_axes() {
         stage.board.front.pose_absolute(target).unwrap();
         stage.expected = target.map(|t| Some(t as i32));
         let (mut last, mut ended) = (stage.board.generator().targets(), [0; AXES]);
-        for _ in 0..20_000 {
+        for _ in 0..10_000 {
             stage.step();
             let now = stage.board.generator().targets();
             for (ended, (now, last)) in ended.iter_mut().zip(now.0.iter().zip(&last.0)) {
@@ -63,7 +63,7 @@ fn a_refused_command_moves_nothing() {
         assert_eq!(number(front.jog(Axis::X, 4_000_001, 0)), Some(ErrorNumber::DataOutOfRange));
         front.set_enabled(Axis::Y, false).unwrap();
         assert_eq!(number(front.move_absolute(Axis::Y, 1000)), Some(ErrorNumber::AxisDisabled));
-        stage.run(200);
+        stage.run(100);
         assert_eq!(stage.board.front.motor_counts(), start);
         stage.settle();
     });
@@ -74,7 +74,7 @@ fn a_new_target_for_one_axis_keeps_those_of_the_others() {
     both(|mut stage| {
         let target = [1_000_000, 800_000, -600_000, 9_000_000, -8_000_000, 7_000_000];
         stage.board.front.pose_absolute(target).unwrap();
-        stage.run(300);
+        stage.run(150);
         stage.board.front.move_absolute(Axis::Y, -5_000).unwrap();
         stage.expected = target.map(|t| Some(t as i32));
         stage.expected[1] = Some(-5_000);
@@ -87,12 +87,12 @@ fn a_stop_of_one_axis_stops_the_whole_coordinated_move() {
     both(|mut stage| {
         let target = [2_000_000, 1_000_000, 500_000, 0, 0, 0];
         stage.board.front.pose_absolute(target).unwrap();
-        stage.run(900);
+        stage.run(450);
         stage.board.front.stop(Axis::Y);
         stage.expected = [None; AXES];
         let took = stage.settle();
         let at = stage.board.front.position().0;
-        assert!(took < 2_000 && at[0] > 10_000 && at[0] < 1_900_000, "{took} {at:?}");
+        assert!(took < 1_000 && at[0] > 10_000 && at[0] < 1_900_000, "{took} {at:?}");
         // still on the line
         assert!((at[0] - 2 * at[1]).abs() < 200 && (at[1] - 2 * at[2]).abs() < 200, "{at:?}");
     });
@@ -112,11 +112,11 @@ fn six_axes_run_at_once_and_each_ends_where_it_should() {
             stage.expected[axis.index()] = Some(to as i32);
         }
         let mut most = 0;
-        for _ in 0..400 {
+        for _ in 0..200 {
             stage.step();
             most = most.max(stage.board.front.report().moving.count_ones());
         }
-        let together = 400 + stage.settle();
+        let together = 200 + stage.settle();
         assert_eq!(most, 6);
         assert!(together < alone / 2, "{together} of {alone}");
     });
@@ -136,7 +136,7 @@ fn a_move_waits_for_motors_that_others_use_and_then_goes() {
             stage.board.front.move_absolute(axis, to).unwrap();
             stage.expected[axis.index()] = Some(to as i32);
         }
-        stage.run(50);
+        stage.run(25);
         assert!(stage.board.front.operation_pending());
         stage.settle();
     }
@@ -146,24 +146,24 @@ fn a_move_waits_for_motors_that_others_use_and_then_goes() {
 fn a_jog_reverses_stops_and_ends_exactly_at_the_limit() {
     both(|mut stage| {
         stage.board.front.jog(Axis::X, 3_000_000, 0).unwrap();
-        stage.run(500);
+        stage.run(250);
         let out = stage.board.front.position().0[0];
         stage.board.front.jog(Axis::X, -1_000_000, 0).unwrap();
-        stage.run(3000);
+        stage.run(1500);
         assert!(out > 0 && stage.board.front.position().0[0] < out);
         stage.board.front.jog(Axis::X, 0, 0).unwrap();
         stage.expected = [None; AXES];
-        assert!(stage.settle() < 1000);
+        assert!(stage.settle() < 500);
         stage.board.front.jog(Axis::X, 4_000_000, 0).unwrap();
         stage.expected[0] = Some(5_000_000);
         stage.settle();
         assert_eq!(number(stage.board.front.jog(Axis::X, 1000, 0)), Some(ErrorNumber::DataOutOfRange));
         // an end of the link ends the jog
         stage.board.front.jog(Axis::X, -4_000_000, 7).unwrap();
-        stage.run(300);
+        stage.run(150);
         stage.board.front.end_jogs(7);
         stage.expected = [None; AXES];
-        assert!(stage.settle() < 1000);
+        assert!(stage.settle() < 500);
     });
 }
 
@@ -178,7 +178,7 @@ fn the_speed_override_takes_effect_while_moving() {
         stage.board.front.set_override(percent);
         at + stage.settle()
     };
-    let (full, slowed, raised, slow) = (time(700, 100, 100), time(700, 20, 100), time(700, 100, 20), time(700, 20, 20));
+    let (full, slowed, raised, slow) = (time(350, 100, 100), time(350, 20, 100), time(350, 100, 20), time(350, 20, 20));
     assert!(full < raised && raised < slowed && slowed < slow, "{full} {raised} {slowed} {slow}");
 }
 
@@ -198,7 +198,7 @@ fn a_one_directional_motor_ends_in_its_direction_whatever_happens_on_the_way() {
                 let to = stage.any(400_000);
                 stage.board.front.move_absolute(axis, to).unwrap();
                 stage.expected[axis.index()] = Some(to as i32);
-                let pause = stage.random.below(300);
+                let pause = stage.random.below(150);
                 stage.run(pause);
             }
             stage.settle();
@@ -225,7 +225,7 @@ fn a_preload_ends_where_it_began_on_the_flank_asked_for() {
 fn a_reset_while_moving_leaves_a_stage_that_moves_again() {
     both(|mut stage| {
         stage.board.front.pose_absolute([1_000_000, 0, 0, 5_000_000, 0, 0]).unwrap();
-        stage.run(300);
+        stage.run(150);
         stage.board.front.reset();
         stage.expected = [None; AXES];
         stage.wait_for_anchor();

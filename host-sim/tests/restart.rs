@@ -250,7 +250,7 @@ fn after_a_reset_at_standstill_everything_is_as_before_and_goes_on_the_same_way(
         for _ in 0..1 + dice.below(3) {
             kept.board.front.pose_absolute(random_pose(&mut dice)).unwrap();
             if dice.below(3) == 0 {
-                (0..dice.below(2000)).for_each(|_| kept.step());
+                (0..dice.below(1000)).for_each(|_| kept.step());
                 kept.board.front.stop_all();
             }
             kept.settle();
@@ -279,7 +279,7 @@ fn after_a_reset_in_motion_every_position_is_uncertain_until_it_is_named() {
         kept.board.front.pose_absolute(random_pose(&mut dice)).unwrap();
         // from before the first order has left
         kept.keep();
-        let segments = dice.below(3) * dice.below(400);
+        let segments = dice.below(3) * dice.below(200);
         (0..segments).for_each(|_| kept.step());
         assert!(kept.board.front.is_moving());
         let again = kept.reset(Start::Reset);
@@ -307,7 +307,7 @@ fn after_an_abort_and_a_reset_the_counts_are_exact_and_what_was_uncertain_still_
     kept.board.front.set_axes(&settings).unwrap();
     kept.settle();
     kept.board.front.move_absolute(Axis::X, 3_000_000).unwrap();
-    (0..4000).for_each(|_| kept.step());
+    (0..2000).for_each(|_| kept.step());
     kept.board.front.abort();
     kept.settle();
     assert!(kept.board.front.axis_condition(Axis::X) & axis_condition::UNCERTAIN != 0);

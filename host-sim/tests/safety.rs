@@ -127,7 +127,7 @@ fn at_a_switch_ways_towards_it_are_refused_and_ways_back_are_not() {
     for line in ["AXIS2:MOVE:REL -1", "AXIS3:MOVE 100", "AXIS2:MOVE:JOG -100"] {
         say(&mut c, line);
         assert_eq!(errors(&mut c), NO_ERROR, "{line}");
-        steps(&mut c, 300);
+        steps(&mut c, 150);
         say(&mut c, "STOP;*OPC?");
         assert_exact(&c);
     }
@@ -202,7 +202,7 @@ fn the_emergency_stop_in_mid_move_is_latched_and_the_next_move_is_exact() {
     both(|interleaving, seed| {
         let mut c = console(&Machine::paper(), interleaving, seed);
         say(&mut c, "POSE 600,900,-300,0.5,0,-0.2");
-        steps(&mut c, 700 + 100 * seed);
+        steps(&mut c, 350 + 50 * seed);
         c.board.press_stop(true);
         settle(&mut c);
         assert!(c.board.is_latched() && c.board.last_stop().unwrap().latency <= GATE_TICKS);
@@ -252,7 +252,7 @@ fn a_driver_in_fault_stops_everything_and_is_disabled() {
     both(|interleaving, seed| {
         let mut c = console(&Machine::paper(), interleaving, seed);
         say(&mut c, "POSE 600,900,-300,0.5,0,-0.2");
-        steps(&mut c, 1500);
+        steps(&mut c, 750);
         c.board.set_fault(2, true);
         settle(&mut c);
         assert_eq!(errors(&mut c), "112,\"Driver fault;AXIS3 driver disabled\"");
@@ -276,7 +276,7 @@ fn a_missed_deadline_is_told_and_forgotten_with_the_next_move() {
     both(|interleaving, seed| {
         let mut c = console(&Machine::paper(), interleaving, seed);
         say(&mut c, "POSE 600,900,-300,0.5,0,-0.2");
-        steps(&mut c, 1000);
+        steps(&mut c, 500);
         c.board.fail(Cause::Deadline);
         settle(&mut c);
         assert!(errors(&mut c).starts_with("105,\"Step deadline missed;all motors stopped"));
@@ -294,7 +294,7 @@ fn a_missed_deadline_is_told_and_forgotten_with_the_next_move() {
 fn a_failed_output_in_mid_move_leaves_no_axis_certain() {
     let mut c = console(&Machine::paper(), Interleaving::Jittered(3), 4);
     say(&mut c, "AXIS1:MOVE 600");
-    steps(&mut c, 1000);
+    steps(&mut c, 500);
     c.board.fail(Cause::Output);
     settle(&mut c);
     assert!(errors(&mut c).starts_with("105,\"Step deadline missed;step output failed"));
@@ -336,7 +336,7 @@ fn reset_and_another_calibration_keep_wiring_and_home() {
 fn wiring_changes_at_standstill_only() {
     let mut c = console(&Machine::paper(), Interleaving::Jittered(2), 1);
     say(&mut c, "AXIS1:MOVE 500");
-    steps(&mut c, 100);
+    steps(&mut c, 50);
     for line in ["AXIS2:LIM:HARD:STAT ON", "AXIS2:FAUL:POL HIGH", "AXIS2:ENAB:POL HIGH", "AXIS2:HOME:TYPE UPP"] {
         say(&mut c, line);
         assert!(errors(&mut c).starts_with("104,"), "{line}");

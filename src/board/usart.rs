@@ -313,7 +313,8 @@ fn USART2() {
     let usart = pac::USART2;
     // reading the status and then the data clears what is handled here; the stream has taken the byte long since
     let status = usart.sr().read();
-    if !status.rxne() {
+    // a stream that an error has switched off reads nothing, and an overrun would ask for ever
+    if !status.rxne() || !pac::DMA1.st(RECEIVE).cr().read().en() {
         // otherwise the stream is about to read it, and must
         let _ = usart.dr().read();
     }

@@ -30,7 +30,7 @@ KEPT = HERE / "isr_cost.json"
 BLOCK = HERE.parent / "target" / "bench.block"
 TARGETS = {"6 x 100 k": 25.0, "6 x 490 k": 13.0}
 SLACK = 1.05
-SEGMENT_US = 128
+SEGMENT_US = 256
 DEADLINE = 168 * SEGMENT_US
 # Segments that are counted at a time.
 SLICE = 25
@@ -41,7 +41,7 @@ SIGNS = [1, 1, -1, 1, -1, 1]
 # Rate in steps/s, half the window around home and half the way, in steps.
 COURSES = {"6 x 100 k": (100_000, 50_000, 60_000), "6 x 490 k": (490_000, 24_500, 102_000)}
 # Segments of the reversal: longer than the longest take-up.
-REVERSAL = 3400
+REVERSAL = 1700
 # Above what any motor of the machine may do, in steps/s^2 and steps/s^3.
 ACCELERATION, JERK = 4e6, 8e7
 

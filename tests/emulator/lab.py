@@ -15,7 +15,7 @@ UPPER = [("D", 2), ("D", 6), ("D", 8), ("D", 10), ("B", 13), ("B", 15)]
 FAULT = [("B", 4), ("B", 5), ("B", 7), ("B", 8), ("B", 11), ("B", 12)]
 ENABLE = [("C", 1), ("C", 2), ("C", 5), ("C", 6), ("C", 8), ("C", 9)]
 
-SEGMENT = 128
+SEGMENT = 256
 RING = 4
 STEP_MASK = sum(1 << pin for pin in STEP_PINS)
 QUIET = STEP_MASK << 16

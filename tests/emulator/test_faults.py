@@ -2,7 +2,7 @@
 
 import pytest
 
-from lab import (ENABLE, NO_ERROR, ask, boot, counts, enable_all, errors, figure, power_up, start_moving)
+from lab import (ENABLE, NO_ERROR, SEGMENT, ask, boot, counts, enable_all, errors, figure, power_up, start_moving)
 from stm32f4 import PowerCut
 
 DISABLED = [1] * 6
@@ -67,7 +67,7 @@ def test_an_error_of_the_receptions_stream_is_told_as_363_and_the_next_message_w
     assert moving.follower.look()[0] > 200, "the move goes on"
 
 
-@pytest.mark.parametrize("late_us, told", [(60, []), (120, []), (600, [105])])
+@pytest.mark.parametrize("late_us, told", [(SEGMENT // 2, []), (SEGMENT - 8, []), (5 * SEGMENT, [105])])
 def test_a_late_refill_is_made_up_for_or_told_as_105(moving, late_us, told):
     moving.nvic.enabled &= ~(1 << REFILL)
     moving.run(late_us)

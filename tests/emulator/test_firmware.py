@@ -2,6 +2,7 @@
 
 import pytest
 
+from lab import RING, SEGMENT
 from stm32f4 import Board, PowerCut
 
 BOOT_US = 100_000
@@ -89,10 +90,10 @@ def test_an_opened_contact_stops_the_words_by_itself_and_the_position_is_exact(m
 
 def test_masked_interrupts_end_in_silence_and_no_word_plays_twice(moving):
     before = moving.played()
-    moving.mask_interrupts(1280)
-    moving.run(1280)
+    moving.mask_interrupts(10 * SEGMENT)
+    moving.run(10 * SEGMENT)
     # four segments are in the ring at most; what has played is cleared behind
-    late = [step for step in moving.words.steps(before) if step[0] >= before + 512]
+    late = [step for step in moving.words.steps(before) if step[0] >= before + RING * SEGMENT]
     assert late == []
     moving.run(20_000)
     assert moving.serial.query("SYST:ERR?").startswith("105,")
@@ -158,7 +159,7 @@ def test_the_refill_comes_at_every_border_again_after_the_stream_has_paused(boar
     saved(board)
     board.run(1000)
     before = board.stats.irq_entries(28)
-    board.run(12_800)
+    board.run(100 * SEGMENT)
     assert board.stats.irq_entries(28) - before >= 99
 
 

@@ -53,7 +53,7 @@ def test_masked_interrupts_end_in_silence_105_is_told_and_counts_and_the_next_mo
     figure(f"interrupts masked for {TEN_SEGMENTS_US} us in mid-move: last STEP edge after {edge} us, then silence")
 
 
-@pytest.mark.parametrize("offset_us", range(0, 128, 37))
+@pytest.mark.parametrize("offset_us", range(0, SEGMENT, 37))
 def test_a_refill_that_is_late_by_less_than_the_ring_loses_no_step(moving, offset_us):
     moving.run(offset_us)
     moving.mask_interrupts(100)
@@ -101,7 +101,7 @@ def test_a_debugger_that_halts_the_core_halts_the_steps(moving):
     assert errors(moving) == []
 
 
-@pytest.mark.parametrize("offset_us", range(0, 128, 16))
+@pytest.mark.parametrize("offset_us", range(0, SEGMENT, 32))
 def test_a_core_that_is_halted_while_the_timer_runs_ends_in_silence_and_says_what_it_knows(moving, offset_us):
     moving.run(offset_us)
     # what a debugger without the freeze bits does

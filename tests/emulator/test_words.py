@@ -6,8 +6,8 @@ from lab import (LOWER, NO_ERROR, QUIET, SEGMENT, STOP, UPPER, as_block, ask, ca
                  first_difference, moves, power_up, reference_words, start_moving, steps_of, stream_words)
 
 # Between moves both are silent for at least this long; inside a move neither is.
-PAUSE_MS, PAUSE_SEGMENTS = 40, 200
-SEGMENT_MS = 0.128
+PAUSE_MS, PAUSE_SEGMENTS = 40, 100
+SEGMENT_MS = SEGMENT / 1000
 HOMED = [f"AXIS{n}:POS:SET 0;:AXIS{n}:ENAB ON" for n in range(1, 7)]
 # Motors on a known flank: two moves, the second planned when the first has ended.
 PRELOADED = [f"AXIS{n}:BACK:PREL POS" for n in (1, 4)]
@@ -95,7 +95,7 @@ class Candidates:
     """What host-sim plays when it is given the order in one segment or another: on the board, that is a matter of the serial
     port and of how long planning takes."""
 
-    NEVER = 2000
+    NEVER = 1000
 
     def __init__(self, host_sim, path, first, then):
         def play(at):
@@ -141,7 +141,7 @@ def test_a_new_pose_on_the_way_plays_the_words_of_host_sim_until_its_second_orde
     ours = intervene(board, first, then)
     at, theirs, shows = Candidates(host_sim, tmp_path, first, then).nearest(ours)
     same = alike(ours, theirs)
-    assert same == len(ours) or same - shows > 50 * SEGMENT, first_difference(ours, theirs)
+    assert same == len(ours) or same - shows > 25 * SEGMENT, first_difference(ours, theirs)
     assert steps_of(ours) == steps_of(theirs) == counts(board)
     figure(f"a new pose on the way: shows in word {shows}, equal to host-sim's for {same} of {len(ours)} words, same end")
 

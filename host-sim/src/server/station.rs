@@ -23,11 +23,11 @@ use std::time::{Duration, Instant};
 /// Links of a board: sockets and the serial port.
 const LINKS: usize = 9;
 /// Most segments in one turn at full speed.
-const FLAT_OUT_SEGMENTS: u64 = 4000;
+const FLAT_OUT_SEGMENTS: u64 = 2000;
 /// Virtual time that a late turn makes up for; beyond, it is given up.
 const CATCH_UP: Duration = Duration::from_millis(250);
 /// Segments between two looks at the clock.
-const SEGMENTS_PER_LOOK: u64 = 16;
+const SEGMENTS_PER_LOOK: u64 = 8;
 /// Rounds of one turn for a client that leaves.
 const LAST_ROUNDS: usize = 64;
 const IDLE_TOKEN: Token = Token(0);

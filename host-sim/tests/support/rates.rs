@@ -1,13 +1,14 @@
 //! Limits of velocity, acceleration and jerk, judged on the unrounded trajectory and on the step edges.
 
 use host_sim::machine::Machine;
-use stage_controller::units::{AXES, FineSteps};
+use stage_controller::units::{AXES, FineSteps, SEGMENT_NS};
 
 /// Strides in segments over which divided differences are taken.
 pub const STRIDES: [usize; 6] = [1, 2, 4, 8, 16, 32];
 /// Positions kept: more than three of the longest strides.
 const KEEP: usize = 128;
-const SEGMENT: f64 = 128e-6;
+/// Length of a segment, s.
+const SEGMENT: f64 = SEGMENT_NS as f64 * 1e-9;
 const Q32: f64 = 4_294_967_296.0;
 
 /// Divided differences of first to third order of the six motors' trajectories.

@@ -43,8 +43,8 @@ pub fn storm(stage: &mut Stage, weather: Weather) {
         let pause = match stage.random.below(4) {
             0 => 0,
             1 => stage.random.below(8),
-            2 => stage.random.below(100),
-            _ => stage.random.below(600),
+            2 => stage.random.below(50),
+            _ => stage.random.below(300),
         };
         stage.run(pause);
     }

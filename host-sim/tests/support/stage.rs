@@ -11,9 +11,9 @@ use stage_controller::units::{AXES, Axis, Pose};
 use std::collections::VecDeque;
 
 /// Segments after which a move that has not ended counts as hanging: half an hour.
-const HANGS: u64 = 14_000_000;
+const HANGS: u64 = 7_000_000;
 /// Segments after which a slow move is made faster: two and a half minutes.
-const PATIENCE: u64 = 1_200_000;
+const PATIENCE: u64 = 600_000;
 
 /// How far rounding may put an unrounded target from the smooth law, in steps of each motor, from the widths of the
 /// numbers: per screw the sine in Q33 (one and a half units), angles in 1/16 nrad, versines in Q34, each times the

@@ -12,10 +12,10 @@ use crate::scpi::tree::Command as C;
 use crate::settings::{
     AxisSettings, BacklashMode, RATE_MIN, STEPS_MAX, TAKE_UP_SHARE_MAX, TAKE_UP_SHARE_MIN, default_step_q32,
 };
-use crate::stepgen::timing::MotorTiming;
+use crate::stepgen::timing::{MAX_SETTLE_NS, MotorTiming};
 use crate::units::decimal::{Displacement, Unit};
 use crate::units::steps::steps_to_units;
-use crate::units::{Axis, COORDINATE_LIMIT, SEGMENT_TICKS};
+use crate::units::{Axis, COORDINATE_LIMIT};
 
 /// Words of BACKlash:MODE, in the order of [`MODE`].
 const MODES: [&str; 4] = ["OFF", "REVersal", "UNIPos", "UNINeg"];
@@ -26,7 +26,7 @@ const MODE_ANSWERS: [&str; 4] = ["OFF", "REV", "UNIP", "UNIN"];
 /// Longest pulse, ns.
 const PULSE_MAX: i64 = 32_000;
 /// Longest set-up or hold time, ns.
-const SETTLE_MAX: i64 = SEGMENT_TICKS as i64 * 1000;
+const SETTLE_MAX: i64 = MAX_SETTLE_NS as i64;
 
 /// Distance in nm or nrad.
 pub fn distance(front: &Front, axis: Axis, by: Displacement) -> i64 {

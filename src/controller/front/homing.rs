@@ -24,7 +24,7 @@ use crate::motion::planner::Desire;
 use crate::refill::safety::{Cause, Halt};
 use crate::settings::Side;
 use crate::units::steps::units_to_steps;
-use crate::units::{Axis, COORDINATE_LIMIT, MotorSteps};
+use crate::units::{Axis, COORDINATE_LIMIT, MotorSteps, SEGMENT_NS};
 
 /// Distance of the reference point from the switch, nm: beyond what a snap-action switch takes to open again.
 pub const REFERENCE_NM: i64 = 200_000;
@@ -33,7 +33,7 @@ pub const REFERENCE_NRAD: i64 = 3_490_659;
 /// Time of a step in the slow approach: ten times the longest way from contact to stop.
 pub const SLOW_STEP_US: u64 = 200;
 /// Segments for which the switch must be open before it is approached again: 10 ms, longer than contacts bounce.
-const QUIET_SEGMENTS: u64 = 79;
+const QUIET_SEGMENTS: u64 = 10_000_000_u64.div_ceil(SEGMENT_NS);
 /// Beyond the travel the switch is looked for over this part of it, besides twice the reference distance.
 const BEYOND: i64 = 10;
 /// Steps added to the backlash on the ways that must take it up.

@@ -47,11 +47,11 @@ pub const ORDERS: usize = 24;
 const UNANSWERED: u16 = 31;
 /// Segments between the last generated one and the first that a new track may use; more after a refusal: planning takes
 /// its time, and a track that comes too late has to be planned anew.
-const LEAD: u64 = 2;
-/// An answer within this many segments is late by the way of orders and reports; what takes longer is planning.
-const QUICK: u64 = 16;
+const LEAD: u64 = 1;
+/// An answer within this many segments (2 ms) is late by the way of orders and reports; what takes longer is planning.
+const QUICK: u64 = 8;
 /// 33 ms, longer than a plan takes.
-const LEAD_MAX: u64 = 256;
+const LEAD_MAX: u64 = 128;
 
 /// Condition of an axis, bits as in STATus:AXIS.
 #[allow(missing_docs)]

@@ -15,7 +15,7 @@ pub(super) const BITS: u32 = 104;
 pub(super) const FROM_Q60: u32 = BITS - 60;
 /// From Q90 to the planner's numbers.
 pub(super) const FROM_Q90: u32 = BITS - 90;
-/// Longest profile in segments (76 hours).
+/// Longest profile in segments (152 hours).
 pub(super) const LONGEST: i128 = 1 << 31;
 /// Largest magnitude of a position at a phase border, Q60.
 pub(super) const FARTHEST: i64 = 4 << 60;

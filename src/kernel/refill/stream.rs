@@ -30,7 +30,7 @@ pub const RING: usize = 4;
 /// The segment that is made while segment k plays is k + 2.
 pub const AHEAD: u64 = 2;
 /// Ticks before a segment plays at which it is no longer begun: more than the dearest segment takes to make.
-pub const MARGIN: u64 = 72;
+pub const MARGIN: u64 = 112;
 
 /// Hardware that plays the ring.
 pub trait StepSink {

@@ -21,7 +21,7 @@
 //! Faster motion than [`Timing::max_step_rate`](super::timing::Timing::max_step_rate) obeys the
 //! timing and waits.
 
-use super::crossing::Crossings;
+use super::crossing::{Crossings, FRACTION_BITS, whole};
 use super::pins::{RESET_STEPS, reset};
 use super::timing::{Line, Timing};
 use crate::units::{AXES, FineSteps, SEGMENT_TICKS};
@@ -31,9 +31,6 @@ const UNSURE: i32 = 1;
 
 /// The BSRR words of one segment, one per tick.
 pub type Words = [u32; SEGMENT_TICKS];
-
-// Times in Q7.25 rely on it.
-const _: () = assert!(SEGMENT_TICKS == 128);
 
 /// What has gone out to one motor, and when more may.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -123,8 +120,8 @@ impl Emitter {
         let crossings = Crossings::new(from, to, due);
         let ready = self.next_rise.wrapping_sub(base) as i32;
         let (gap, on_grid) = if UNIT { (2, u32::MAX) } else { (line.gap(), line.on_grid(u32::MAX)) };
-        let tick = |time: u32| time >> 25 & on_grid;
-        if crossings.period < gap << 25 || (tick(crossings.first) as i32) < ready {
+        let tick = |time: u32| time >> FRACTION_BITS & on_grid;
+        if whole(crossings.period) < gap << FRACTION_BITS || (tick(crossings.first) as i32) < ready {
             self.detour(line, crossings, due, base, words);
             return true;
         }
@@ -186,10 +183,10 @@ impl Emitter {
         let fresh = if (due ^ owed) < 0 { 0 } else { left.min(due.unsigned_abs()) };
         let cancelled = due.unsigned_abs().wrapping_sub(fresh);
         let mut late = left.wrapping_sub(fresh);
-        let mut time = crossings.first.wrapping_add(crossings.period.wrapping_mul(cancelled));
+        let mut time = (u64::from(crossings.first) << 32).wrapping_add(crossings.period.wrapping_mul(cancelled.into()));
         let one = if owed > 0 { 1 } else { -1 };
         while self.waiting != 0 {
-            let tick = if late > 0 { 0 } else { line.on_grid(time >> 25) };
+            let tick = if late > 0 { 0 } else { line.on_grid(whole(time) >> FRACTION_BITS) };
             let tick = tick.max(line.on_grid(ready + line.grid - 1));
             let Some(word) = words.get_mut(tick as usize) else {
                 return;

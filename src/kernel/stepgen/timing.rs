@@ -1,7 +1,7 @@
 //! What the motor drivers ask of the edges, in whole ticks.
 
 use super::pins::{DIR_PINS, STEP_PINS};
-use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND};
+use crate::units::{AXES, TICKS_PER_SECOND};
 use serde::{Deserialize, Serialize};
 
 /// Duration of a tick in nanoseconds.
@@ -9,6 +9,9 @@ const TICK_NS: u32 = 1_000_000_000 / TICKS_PER_SECOND;
 
 /// Coarsest grid in ticks.
 pub const MAX_GRID: u32 = 32;
+
+/// Longest set-up or hold time, ns.
+pub const MAX_SETTLE_NS: u32 = 128_000;
 
 /// What the driver of one motor asks for, in nanoseconds. STEP acts on its rising edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,7 +70,7 @@ pub struct Timing {
 
 impl Timing {
     /// The timing that meets what every driver asks for, or `None` if a pulse would need a grid
-    /// above [`MAX_GRID`] ticks or a set-up or hold time exceeds a segment.
+    /// above [`MAX_GRID`] ticks or a set-up or hold time exceeds [`MAX_SETTLE_NS`].
     ///
     /// The grid is the smallest power of two of ticks that covers the longest high or low time.
     /// Set-up is at least one tick; hold is at least the grid, so that DIR never changes while
@@ -82,11 +85,11 @@ impl Timing {
         for ((line, motor), (&step, &dir)) in lines.iter_mut().zip(&motors).zip(pins) {
             line.step = 1 << step;
             line.dir = 1 << dir;
-            line.setup = ticks(motor.setup_ns);
-            line.hold = ticks(motor.hold_ns).max(grid);
-            if line.setup.max(line.hold) > SEGMENT_TICKS as u32 {
+            if motor.setup_ns.max(motor.hold_ns) > MAX_SETTLE_NS {
                 return None;
             }
+            line.setup = ticks(motor.setup_ns);
+            line.hold = ticks(motor.hold_ns).max(grid);
         }
         Some(Timing { grid, lines })
     }

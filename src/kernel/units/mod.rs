@@ -16,7 +16,7 @@ pub const AXES: usize = 6;
 pub const TICKS_PER_SECOND: u32 = 1_000_000;
 
 /// Ticks, hence BSRR words, in one segment.
-pub const SEGMENT_TICKS: usize = 128;
+pub const SEGMENT_TICKS: usize = 256;
 
 /// Duration of one segment in nanoseconds.
 pub const SEGMENT_NS: u64 = SEGMENT_TICKS as u64 * 1_000_000_000 / TICKS_PER_SECOND as u64;

@@ -12,7 +12,7 @@ pub const ANSWER: usize = 512;
 const SHOWN: usize = 80;
 
 /// Segments after which a script gives up waiting: a minute.
-const PATIENCE: u32 = 468_750;
+const PATIENCE: u32 = 234_375;
 
 /// A controller that a script can drive.
 pub trait Rig {
@@ -21,7 +21,7 @@ pub trait Rig {
     fn power_up(&mut self, block: &[u8], cold: bool) -> bool;
     /// Hands bytes to the one link and takes what is answered at once; no time passes. The number of bytes taken.
     fn exchange(&mut self, bytes: &[u8], answered: impl FnMut(&[u8])) -> usize;
-    /// One segment of 128 us passes; `played` sees its words, up to an immediate stop.
+    /// One segment of 256 us passes; `played` sees its words, up to an immediate stop.
     fn step(&mut self, played: impl FnMut(&[u32]));
     /// Something moves or is about to.
     fn is_pending(&self) -> bool;

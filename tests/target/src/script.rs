@@ -5,12 +5,14 @@
 //! | `# text` | a comment |
 //! | `@machine NAME` | power-up with that machine's calibration as if saved, enabled and homed at 0 |
 //! | `@cold NAME` | power-up with that machine's calibration as if saved, nothing enabled, not homed |
-//! | `@wait N` | N segments of 128 us pass |
+//! | `@wait N` | N segments of 256 us pass |
 //! | `@rest` | time passes until nothing moves and nothing is about to |
 //! | `@tick K` | from now on an immediate stop comes after K words of the segment that then plays |
 //! | `@load NAME` | `COMP:LOAD` with the calibration block of that machine |
 //! | `= TEXT` | the answer to the line before is TEXT; time passes until it is there |
 //! | anything else | a message for the controller |
+
+use stage_controller::units::SEGMENT_TICKS;
 
 /// One step of a script.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +29,7 @@ pub enum Step<'a> {
     /// Time passes until everything stands.
     Rest,
     /// Words of its segment that an immediate stop lets play.
-    Tick(u8),
+    Tick(u16),
     /// The calibration block of this machine is sent.
     Load(&'a str),
     /// What the message before must have answered.
@@ -59,7 +61,9 @@ impl<'a> Step<'a> {
             "cold" if !value.is_empty() => Step::PowerUp { machine: value, cold: true },
             "wait" => Step::Wait(value.parse().map_err(|_| Unreadable)?),
             "rest" if value.is_empty() => Step::Rest,
-            "tick" => Step::Tick(value.parse().ok().filter(|tick| *tick <= 128).ok_or(Unreadable)?),
+            "tick" => {
+                Step::Tick(value.parse().ok().filter(|tick| usize::from(*tick) <= SEGMENT_TICKS).ok_or(Unreadable)?)
+            }
             "load" if !value.is_empty() => Step::Load(value),
             _ => return Err(Unreadable),
         };

@@ -39,7 +39,7 @@ pub const WORDS: &str = include_str!("../../golden/words.txt");
 /// What `tests/golden/words.txt` begins with.
 pub const HEADER: &str = "\
 # What every build must play and answer. Made by `cargo run -p target-tests --bin golden -- --write`.
-# Script, segments of 128 us, steps of motors X Y Z alpha beta gamma, hash of all words, hash of all answers.
+# Script, segments of 256 us, steps of motors X Y Z alpha beta gamma, hash of all words, hash of all answers.
 ";
 
 /// Machines by name, and their calibration blocks as `host-sim calibrate` makes them.

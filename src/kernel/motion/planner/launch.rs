@@ -16,7 +16,7 @@ use crate::motion::ramp;
 use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
 use crate::units::{AXES, Axis, COORDINATE_LIMIT, Pose, wide};
 
-/// A jog ends after this many segments (38 hours) at the latest: a profile is not made for more.
+/// A jog ends after this many segments (76 hours) at the latest: a profile is not made for more.
 const LONGEST_JOG: i64 = 1 << 30;
 
 impl Planner {
@@ -85,6 +85,12 @@ impl Planner {
         };
         let state = active.state(segment);
         let limits = with_speed(&active.grant, active.speed, capability.override_percent);
+        let (low, high) = active.extent(segment);
+        if !entry.stop && stop_end(state, active.grant.limits).is_ok_and(|end| !(low..=high).contains(&end)) {
+            // nearly there: in whole segments it can no longer stop before its end, and would overshoot and return
+            entry.replan = false;
+            return;
+        }
         let planned = if entry.stop {
             to_velocity(state, 0, active.grant.limits)
         } else {
@@ -108,6 +114,10 @@ impl Planner {
                 active.stopping = true;
             }
             (entry.stop, entry.replan) = (false, false);
+            return;
+        }
+        if stop && !(low..=high).contains(&profile.end_position()) {
+            // it is turning back, perhaps at a limit, and in whole segments would stop behind that: once it has turned
             return;
         }
         active.track.profile = profile;

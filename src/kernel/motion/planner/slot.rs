@@ -32,7 +32,7 @@ impl Active {
     }
 
     /// Lowest and highest path position from a segment on.
-    fn extent(&self, segment: u64) -> (i64, i64) {
+    pub fn extent(&self, segment: u64) -> (i64, i64) {
         let (at, end) = (self.state(segment).position, self.track.profile.end_position());
         let (low, high) = self.detour.unwrap_or((at, at));
         (low.min(at).min(end), high.max(at).max(end))

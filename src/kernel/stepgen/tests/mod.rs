@@ -22,7 +22,7 @@ const DRIVERS: [MotorTiming; 6] = [
     MotorTiming { high_ns: 1_001, low_ns: 1_900, setup_ns: 200, hold_ns: 10_000 },
     MotorTiming { high_ns: 2_500, low_ns: 2_500, setup_ns: 5_000, hold_ns: 5_000 },
     MotorTiming { high_ns: 5_000, low_ns: 1_000, setup_ns: 20_000, hold_ns: 1_000 },
-    MotorTiming { high_ns: 20_000, low_ns: 30_000, setup_ns: 100_000, hold_ns: 100_000 },
+    MotorTiming { high_ns: 20_000, low_ns: 30_000, setup_ns: 128_000, hold_ns: 128_000 },
 ];
 
 /// One motor, its words and the driver that listens.
@@ -62,7 +62,7 @@ impl Bench {
 
     /// Largest advance in a segment at this rate, in Q32.32 steps.
     fn reach(steps_per_second: u32) -> u64 {
-        (u64::from(steps_per_second) << 39) / 1_000_000
+        (u64::from(steps_per_second) << 32) * SEGMENT_TICKS as u64 / 1_000_000
     }
 
     /// Ticks that a turn takes at most, from rising edge to rising edge.

@@ -3,11 +3,17 @@ extern crate std;
 
 use super::decoder::{Random, RateRule};
 use super::{Bench, DRIVERS, LONG_RUN};
+use crate::units::SEGMENT_TICKS;
 use std::vec::Vec;
 
-/// Position in Q32.32 steps times 128 at a tick of the segment.
+/// Position in Q32.32 steps times [`SEGMENT_TICKS`] at a tick of the segment.
 fn exact(from: i64, advance: i64, tick: usize) -> i128 {
-    i128::from(from) * 128 + i128::from(advance) * tick as i128
+    i128::from(from) * SEGMENT_TICKS as i128 + i128::from(advance) * tick as i128
+}
+
+/// Whole steps of such a position.
+fn whole(position: i128) -> i64 {
+    (position >> (32 + SEGMENT_TICKS.ilog2())) as i64
 }
 
 /// Runs a motor one way; `advance` chooses the magnitude of each segment up to the reach of `rate`.
@@ -30,10 +36,10 @@ fn one_way(
         bench.advance(step, |tick, count| {
             rule.judge(count);
             if grid == 1 {
-                // Early by less than 2^-18 tick and 2^-32 step, late by nothing.
+                // Early by less than 2^-20 tick and 2^-32 step, late by nothing.
                 let due = exact(from, step, tick + 1);
-                let lead = i128::from(step) / (1 << 18) + i128::from(sign) * 129;
-                let (due, early) = ((due >> 39) as i64, ((due + lead) >> 39) as i64);
+                let lead = i128::from(step) / (1 << 20) + i128::from(sign) * (SEGMENT_TICKS as i128 + 1);
+                let (due, early) = (whole(due), whole(due + lead));
                 assert!(count == due || count == early, "{count} {due} {early}");
             }
         });
@@ -79,7 +85,7 @@ fn uneven_motion_one_way_is_on_time_and_within_its_rate() {
 #[test]
 fn whole_steps_from_border_to_border_stay_inside_the_segment() {
     let random = &mut Random(3);
-    for steps in 1..=63 {
+    for steps in 1..SEGMENT_TICKS as i64 / 2 {
         for sign in [1, -1] {
             let mut bench = Bench::new(DRIVERS[0], random);
             bench.position = 0;
@@ -95,7 +101,7 @@ fn whole_steps_from_border_to_border_stay_inside_the_segment() {
 fn walk(asks: super::MotorTiming, segments: u32, random: &mut Random) -> u32 {
     let mut bench = Bench::new(asks, random);
     let limit = Bench::reach(bench.timing.max_step_rate()) as i64;
-    let turn = (1i64 << 39) / i64::from(bench.turn_ticks());
+    let turn = ((SEGMENT_TICKS as i64) << 32) / i64::from(bench.turn_ticks());
     let (mut speed, mut waits, mut run) = (0i64, 0, 0);
     let (mut pull, mut borders, mut sense, mut turned) = (0, 0, 0, 0);
     for _ in 0..segments {
@@ -119,12 +125,14 @@ fn walk(asks: super::MotorTiming, segments: u32, random: &mut Random) -> u32 {
         }
         speed = next;
         sense = if speed == 0 { sense } else { speed.signum() };
-        turned += 128;
+        turned += SEGMENT_TICKS as u32;
         let from = bench.position;
         let before = bench.emitter;
+        let mut late = false;
         bench.advance(speed, |tick, count| {
-            let due = (exact(from, speed, tick + 1) >> 39) as i64;
+            let due = whole(exact(from, speed, tick + 1));
             assert!((count - due).abs() <= 1, "{count} {due}");
+            late |= (due - count) * speed.signum() > 0;
         });
         let waiting = bench.emitter.waiting();
         assert!(waiting.abs() <= 1);
@@ -132,8 +140,8 @@ fn walk(asks: super::MotorTiming, segments: u32, random: &mut Random) -> u32 {
         let after = bench.emitter;
         let stuck = (before.waiting(), before.emitted()) == (waiting, after.emitted());
         borders = if stuck && waiting != 0 { borders + 1 } else { 0 };
-        assert!(borders <= bench.turn_ticks() / 128, "waits too long");
-        waits += u32::from(waiting != 0);
+        assert!(borders <= bench.turn_ticks() / SEGMENT_TICKS as u32, "waits too long");
+        waits += u32::from(late);
     }
     waits
 }
@@ -142,8 +150,8 @@ fn walk(asks: super::MotorTiming, segments: u32, random: &mut Random) -> u32 {
 fn motors_that_turn_keep_their_position_and_timing() {
     let random = &mut Random(4);
     let waits: Vec<u32> = DRIVERS.iter().map(|&asks| walk(asks, LONG_RUN, random)).collect();
-    // The run means little unless steps did wait across borders, which takes long DIR times.
-    assert!(waits[5] > 0, "{waits:?}");
+    // The run means little unless steps did wait. Set-up and hold fit into a segment: hardly ever across its border.
+    assert!(waits.iter().all(|waits| *waits > 0), "{waits:?}");
 }
 
 #[test]
@@ -152,15 +160,14 @@ fn a_turn_at_any_phase_delays_one_step_by_less_than_its_period() {
     for asks in DRIVERS {
         for phase in 1..=512 {
             let mut bench = Bench::new(asks, random);
-            let period = i64::from(bench.turn_ticks());
-            let speed = (1i64 << 39) / period;
+            let speed = ((SEGMENT_TICKS as i64) << 32) / i64::from(bench.turn_ticks());
             bench.position = 0;
             bench.point(true);
             bench.advance(speed * phase / 512, |_, _| ());
             for way in [-1, 1, 1, -1, -1, -1, 0, 1] {
                 let (from, way) = (bench.position, way * speed);
                 bench.advance(way, |tick, count| {
-                    let due = (exact(from, way, tick + 1) >> 39) as i64;
+                    let due = whole(exact(from, way, tick + 1));
                     assert!((count - due).abs() <= 1);
                 });
                 assert!(bench.emitter.waiting().abs() <= 1);

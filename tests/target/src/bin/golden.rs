@@ -39,7 +39,7 @@ fn compare(room: Room, out: &mut impl Write) -> Result<usize, fmt::Error> {
             }
         }
     }
-    writeln!(out, "figure: {segments} segments of 128 us")?;
+    writeln!(out, "figure: {segments} segments of 256 us")?;
     writeln!(out, "golden: {} passed, {differ} failed", SCRIPTS.len() - differ)?;
     Ok(differ)
 }
