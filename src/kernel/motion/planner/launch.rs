@@ -2,7 +2,7 @@
 
 use super::checked::Checked;
 use super::share::Asking;
-use super::slot::{Active, Flight, Intent};
+use super::slot::{Active, Flight, Intent, beyond};
 use super::{
     COORDINATED, Capability, Desire, Planner, Proposal, SLOTS, Versioned, go_along, straight, unplannable, with_speed,
 };
@@ -104,6 +104,12 @@ impl Planner {
                 active.stopping = true;
             }
             (entry.stop, entry.replan) = (false, false);
+            return;
+        }
+        if !active.covers(&profile, segment) {
+            // A track that runs straight is about to brake, and comes to rest where it was to; one that has to turn
+            // back does so as planned, and obeys then.
+            entry.replan &= active.detour.is_some();
             return;
         }
         active.track.profile = profile;
@@ -256,13 +262,13 @@ impl Planner {
             Some(active) => stop_end(state, active.grant.limits)?,
             None => state.position,
         };
+        let (lower, upper) = match self.desires[i] {
+            // a motor's travel may end before the axis' own limit
+            Desire::Jog { upwards: true, limit, .. } => (-COORDINATE_LIMIT, limit),
+            Desire::Jog { upwards: false, limit, .. } => (limit, COORDINATE_LIMIT),
+            _ => capability.limits.range(&capability.law, axis),
+        };
         if running.is_some() {
-            let (lower, upper) = match self.desires[i] {
-                // a motor's travel may end before the axis' own limit
-                Desire::Jog { upwards: true, limit, .. } => (-COORDINATE_LIMIT, limit),
-                Desire::Jog { upwards: false, limit, .. } => (limit, COORDINATE_LIMIT),
-                _ => capability.limits.range(&capability.law, axis),
-            };
             let rest = origin.0[i].saturating_add(stop);
             let beyond = rest < i64::from(lower) << 32 || rest > i64::from(upper) << 32;
             if beyond && (origin.0[i] + stop - self.rest().0[i]).signum() == i64::from(stop > state.position) * 2 - 1 {
@@ -279,12 +285,6 @@ impl Planner {
         let path = Path { origin, direction, from, to };
         // an axis that turns is granted the same wherever it goes, so that a new target never asks for less speed
         let region = if axis.is_rotary() {
-            let (lower, upper) = match self.desires[i] {
-                // a motor's travel may end before the axis' own limit
-                Desire::Jog { upwards: true, limit, .. } => (-COORDINATE_LIMIT, limit),
-                Desire::Jog { upwards: false, limit, .. } => (limit, COORDINATE_LIMIT),
-                _ => capability.limits.range(&capability.law, axis),
-            };
             let at = |x: i32| (i64::from(x) << 32) - origin.0[i];
             Path { from: path.from.min(at(lower)), to: path.to.max(at(upper)), ..path }
         } else {
@@ -323,9 +323,26 @@ impl Planner {
             goal
         };
         let profile = to_position(state, goal, limits).map_err(|_| unplannable())?;
+        let mut detour = running.map(|_| (from, to));
+        if running.is_some()
+            && let (below, above) = beyond((from, to), &profile)
+            && (below || above)
+        {
+            // it turns back a little behind where it could stop: that has to be free too
+            let (lowest, highest) = profile.extent();
+            let wider = (from.min(lowest), to.max(highest));
+            if below && origin.0[i] + lowest < i64::from(lower) << 32
+                || above && origin.0[i] + highest > i64::from(upper) << 32
+            {
+                return Ok(());
+            }
+            let path = Path { from: wider.0, to: wider.1, ..path };
+            let region = Path { from: region.from.min(wider.0), to: region.to.max(wider.1), ..region };
+            self.grant(capability, &Asking { path: &path, region: &region, ..asking })?;
+            detour = Some(wider);
+        }
         let mut track = Track { origin: [0; AXES], direction, end: [0; AXES], profile };
         track.end[i] = goal;
-        let detour = running.map(|_| (from, to));
         let active = Active { track, start: segment, grant, speed, goal, detour, stopping: false, jog };
         if self.launch(i, active, Intent::Desire(self.desires[i]), segment, order) {
             self.bend_others(capability, i, grant.swing);

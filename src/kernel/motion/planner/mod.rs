@@ -15,6 +15,8 @@ mod checked;
 mod launch;
 mod share;
 mod slot;
+#[cfg(test)]
+mod tests;
 
 use super::bounds::{PATH_ONE, Path};
 use super::budget::{Grant, Rates};

@@ -1,0 +1,118 @@
+//! Tracks that are planned again on their way never lead where nobody has checked the way.
+
+use super::*;
+use crate::compensation::calibration::MotorData;
+use crate::motion::limits::AxisLimits;
+use crate::motion::plan::{to_position, to_velocity};
+
+/// End of the travel on both sides, nm or nrad.
+const END: i32 = 10_000_000;
+
+/// A stiff stage without coupling: it takes some ten segments to its largest velocity.
+fn stiff() -> Versioned<Capability> {
+    let step_q32 = 100u64 << 32;
+    let motor = MotorData {
+        step_q32,
+        row_bits: 36,
+        backlash_steps: 0,
+        travel_lower: -END,
+        travel_upper: END,
+        velocity: 49_800_000,
+        acceleration: 10_470_000_000,
+        jerk: 698_000_000_000,
+    };
+    let axis = AxisLimits {
+        soft_lower: -END,
+        soft_upper: END,
+        soft_on: true,
+        travel_lower: -END,
+        travel_upper: END,
+        homed: true,
+        enabled: true,
+    };
+    let rates = |step_q32| Rates::per_segment(motor.velocity, motor.acceleration, motor.jerk, step_q32);
+    Versioned::new(Capability {
+        law: Law::identity(&[motor; AXES]),
+        motors: [rates(step_q32); AXES],
+        wanted: [rates(1 << 32); AXES],
+        limits: Limits([axis; AXES]),
+        override_percent: 100,
+    })
+}
+
+/// A planner whose orders are all accepted at once.
+fn plan(planner: &mut Planner, capability: &Versioned<Capability>, segment: u64) {
+    planner.plan(capability, segment, &mut |_| Some(1)).expect("nothing in the way");
+    planner.answer(1, 0, segment);
+}
+
+/// Lowest and highest X from a segment on until everything has come to rest, and where that is; nm in Q32.
+fn way(planner: &Planner, capability: &Versioned<Capability>, from: u64) -> (i64, i64, i64) {
+    let (mut planner, mut segment) = (*planner, from);
+    let (mut low, mut high) = (i64::MAX, i64::MIN);
+    while planner.is_moving() {
+        plan(&mut planner, capability, segment);
+        let x = planner.pose_at(segment).0[0];
+        (low, high, segment) = (low.min(x), high.max(x), segment + 1);
+    }
+    (low, high, planner.rest().0[0])
+}
+
+/// What rounding may add, nm in Q32: a millionth of a nanometre.
+const ROUNDING: i64 = 4096;
+
+#[test]
+fn another_speed_on_the_way_never_leads_beyond_the_target() {
+    let mut tempted = 0;
+    for coordinated in [false, true] {
+        for target in [85_763, 400_000, END] {
+            let mut capability = stiff();
+            let mut planner = Planner::at_rest(Pose::default());
+            let pose = Pose([target, 0, 0, 0, 0, 0]);
+            if coordinated { planner.go(pose, None) } else { planner.desire(Axis::X, Desire::Position(target, None)) }
+            plan(&mut planner, &capability, 0);
+            let active = planner.slots[if coordinated { COORDINATED } else { 0 }].active.expect("it moves");
+            for segment in 1..active.end_segment() {
+                for percent in [100, 40] {
+                    let mut planner = planner;
+                    capability.override_percent = percent;
+                    let limits = with_speed(&active.grant, active.speed, percent);
+                    let again = to_position(active.state(segment), active.goal, limits).expect("a profile");
+                    tempted += u32::from(again.extent().1 > active.goal + ROUNDING);
+                    planner.replan_all();
+                    let (_, high, rest) = way(&planner, &capability, segment);
+                    let goal = i64::from(target) << 32;
+                    assert_eq!(rest, goal);
+                    assert!(high <= goal + ROUNDING, "{} of {target} nm, {percent} % in {segment}", high >> 32);
+                }
+            }
+        }
+    }
+    assert!(tempted > 20, "whole segments led beyond in {tempted} plans");
+}
+
+#[test]
+fn a_stop_while_it_turns_back_stays_on_the_way_that_was_checked() {
+    let capability = stiff();
+    let mut tempted = 0;
+    for turned in 20..140 {
+        let mut planner = Planner::at_rest(Pose::default());
+        planner.desire(Axis::X, Desire::Position(END, None));
+        plan(&mut planner, &capability, 0);
+        planner.desire(Axis::X, Desire::Position(-END, None));
+        plan(&mut planner, &capability, turned);
+        let active = planner.slots[0].active.expect("it turns back");
+        let (_, highest) = active.detour.expect("it turns back");
+        assert!(active.track.profile.extent().1 <= highest + ROUNDING, "turned in {turned}");
+        for segment in turned + 1..turned + 100 {
+            let mut planner = planner;
+            let stop = to_velocity(active.state(segment), 0, active.grant.limits).expect("a stop");
+            tempted += u32::from(stop.extent().1 > highest + ROUNDING);
+            planner.stop(Axis::X);
+            let (_, high, rest) = way(&planner, &capability, segment);
+            assert!(high <= highest + ROUNDING, "{} of {} nm in {turned}, {segment}", high >> 32, highest >> 32);
+            assert!(rest > i64::from(-END / 2) << 32, "it stops, in {turned}, {segment}");
+        }
+    }
+    assert!(tempted > 20, "whole segments led beyond in {tempted} plans");
+}
