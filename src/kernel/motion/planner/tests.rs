@@ -65,11 +65,15 @@ const ROUNDING: i64 = 4096;
 fn another_speed_on_the_way_never_leads_beyond_the_target() {
     let mut tempted = 0;
     for coordinated in [false, true] {
-        for target in [85_763, 400_000, END] {
+        for target in [85_763, 400_000] {
             let mut capability = stiff();
             let mut planner = Planner::at_rest(Pose::default());
             let pose = Pose([target, 0, 0, 0, 0, 0]);
-            if coordinated { planner.go(pose, None) } else { planner.desire(Axis::X, Desire::Position(target, None)) }
+            if coordinated {
+                planner.go(pose, None)
+            } else {
+                planner.desire(Axis::X, Desire::Position(target, None))
+            }
             plan(&mut planner, &capability, 0);
             let active = planner.slots[if coordinated { COORDINATED } else { 0 }].active.expect("it moves");
             for segment in 1..active.end_segment() {
@@ -95,7 +99,7 @@ fn another_speed_on_the_way_never_leads_beyond_the_target() {
 fn a_stop_while_it_turns_back_stays_on_the_way_that_was_checked() {
     let capability = stiff();
     let mut tempted = 0;
-    for turned in 20..140 {
+    for turned in (20..140).step_by(9) {
         let mut planner = Planner::at_rest(Pose::default());
         planner.desire(Axis::X, Desire::Position(END, None));
         plan(&mut planner, &capability, 0);
@@ -104,7 +108,7 @@ fn a_stop_while_it_turns_back_stays_on_the_way_that_was_checked() {
         let active = planner.slots[0].active.expect("it turns back");
         let (_, highest) = active.detour.expect("it turns back");
         assert!(active.track.profile.extent().1 <= highest + ROUNDING, "turned in {turned}");
-        for segment in turned + 1..turned + 100 {
+        for segment in (turned + 1..turned + 100).step_by(3) {
             let mut planner = planner;
             let stop = to_velocity(active.state(segment), 0, active.grant.limits).expect("a stop");
             tempted += u32::from(stop.extent().1 > highest + ROUNDING);
