@@ -285,6 +285,8 @@ impl Planner {
         let path = Path { origin, direction, from, to };
         // an axis that turns is granted the same wherever it goes, so that a new target never asks for less speed
         let region = if axis.is_rotary() {
+            // not farther than the axis goes, also on the side that a jog leaves open: there the law means nothing
+            let (lower, upper) = capability.limits.range(&capability.law, axis);
             let at = |x: i32| (i64::from(x) << 32) - origin.0[i];
             Path { from: path.from.min(at(lower)), to: path.to.max(at(upper)), ..path }
         } else {
