@@ -13,7 +13,7 @@ use crate::motion::plan::{to_position, to_velocity};
 use crate::motion::profile::State;
 use crate::motion::ramp;
 use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
-use crate::units::{AXES, Axis, COORDINATE_LIMIT, Pose, wide};
+use crate::units::{AXES, Axis, Pose, wide};
 
 /// A jog ends after this many segments (38 hours) at the latest: a profile is not made for more.
 const LONGEST_JOG: i64 = 1 << 30;
@@ -195,7 +195,7 @@ impl Planner {
                 slot: SLOTS,
                 segment,
                 single: false,
-                starts_high: false,
+                starts_high: Some(false),
                 alone: false,
             };
             let Some(grant) = self.grant(capability, &asking)? else {
@@ -262,11 +262,12 @@ impl Planner {
             Some(active) => stop_end(state, active.grant.limits)?,
             None => state.position,
         };
+        let own = capability.limits.range(&capability.law, axis);
         let (lower, upper) = match self.desires[i] {
             // a motor's travel may end before the axis' own limit
-            Desire::Jog { upwards: true, limit, .. } => (-COORDINATE_LIMIT, limit),
-            Desire::Jog { upwards: false, limit, .. } => (limit, COORDINATE_LIMIT),
-            _ => capability.limits.range(&capability.law, axis),
+            Desire::Jog { upwards: true, limit, .. } => (own.0, limit),
+            Desire::Jog { upwards: false, limit, .. } => (limit, own.1),
+            _ => own,
         };
         if running.is_some() {
             let rest = origin.0[i].saturating_add(stop);
@@ -285,10 +286,9 @@ impl Planner {
         let path = Path { origin, direction, from, to };
         // an axis that turns is granted the same wherever it goes, so that a new target never asks for less speed
         let region = if axis.is_rotary() {
-            // not farther than the axis goes, also on the side that a jog leaves open: there the law means nothing
-            let (lower, upper) = capability.limits.range(&capability.law, axis);
+            // and not farther than the axis goes: beyond, where angles wrap, the law means nothing
             let at = |x: i32| (i64::from(x) << 32) - origin.0[i];
-            Path { from: path.from.min(at(lower)), to: path.to.max(at(upper)), ..path }
+            Path { from: path.from.min(at(own.0)), to: path.to.max(at(own.1)), ..path }
         } else {
             path
         };
@@ -298,7 +298,7 @@ impl Planner {
             slot: i,
             segment,
             single: true,
-            starts_high: goal < state.position,
+            starts_high: [(to, true), (from, false)].iter().find(|end| end.0 == state.position).map(|end| end.1),
             alone: false,
         };
         let granted = self.grant(capability, &asking)?;

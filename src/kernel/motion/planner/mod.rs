@@ -402,7 +402,7 @@ impl Planner {
             slot: SLOTS,
             segment: 0,
             single: false,
-            starts_high: false,
+            starts_high: Some(false),
             alone: true,
         };
         let Some(grant) = self.grant(capability, &asking)? else {

@@ -23,8 +23,8 @@ pub(super) struct Asking<'a> {
     pub segment: u64,
     /// It leaves a little to the others.
     pub single: bool,
-    /// The motion begins at the upper end of the way.
-    pub starts_high: bool,
+    /// The motion begins at the upper end of the way, or at the lower one; none where it first goes on and turns back.
+    pub starts_high: Option<bool>,
     /// As if nothing else ran.
     pub alone: bool,
 }

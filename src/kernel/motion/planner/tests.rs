@@ -120,3 +120,33 @@ fn a_stop_while_it_turns_back_stays_on_the_way_that_was_checked() {
     }
     assert!(tempted > 20, "whole segments led beyond in {tempted} plans");
 }
+
+#[test]
+fn an_axis_turns_back_only_where_it_can_do_so_within_its_limits() {
+    let mut tempted = 0;
+    for (soft_on, jog) in [(true, true), (true, false), (false, true), (false, false)] {
+        let mut capability = stiff();
+        for limits in &mut capability.limits.0 {
+            limits.soft_on = soft_on;
+        }
+        let mut planner = Planner::at_rest(Pose::default());
+        let upwards = Desire::Jog { upwards: true, limit: END, speed: u64::MAX };
+        planner.desire(Axis::X, if jog { upwards } else { Desire::Position(END, None) });
+        plan(&mut planner, &capability, 0);
+        let active = planner.slots[0].active.expect("it moves");
+        let end = i64::from(END) << 32;
+        // without soft limits the nearest whole step decides
+        let room = if soft_on { ROUNDING } else { 51 << 32 };
+        for segment in active.end_segment() - 200..active.end_segment() - 1 {
+            let mut planner = planner;
+            let stop = to_velocity(active.state(segment), 0, active.grant.limits).expect("a stop");
+            tempted += u32::from(stop.extent().1 > end + room);
+            let downwards = Desire::Jog { upwards: false, limit: -END, speed: u64::MAX };
+            planner.desire(Axis::X, if jog { downwards } else { Desire::Position(END / 2, None) });
+            let (low, high, _) = way(&planner, &capability, segment);
+            assert!(low < end / 2 + ROUNDING, "it turned back, in {segment}");
+            assert!(high <= end + room, "{} nm in {segment}, soft {soft_on}, jog {jog}", high >> 32);
+        }
+    }
+    assert!(tempted > 20, "whole segments led beyond in {tempted} plans");
+}
