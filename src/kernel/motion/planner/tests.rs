@@ -1,26 +1,29 @@
 //! Tracks that are planned again on their way never lead where nobody has checked the way.
 
 use super::*;
-use crate::compensation::calibration::MotorData;
+use crate::compensation::calibration::{Calibration, MotorData, ScrewAxis};
+use crate::compensation::law::Switches;
 use crate::motion::limits::AxisLimits;
 use crate::motion::plan::{to_position, to_velocity};
 
 /// End of the travel on both sides, nm or nrad.
 const END: i32 = 10_000_000;
 
+/// One of its motors.
+const MOTOR: MotorData = MotorData {
+    step_q32: 100 << 32,
+    row_bits: 36,
+    backlash_steps: 0,
+    travel_lower: -END,
+    travel_upper: END,
+    velocity: 49_800_000,
+    acceleration: 10_470_000_000,
+    jerk: 698_000_000_000,
+};
+
 /// A stiff stage without coupling: it takes some ten segments to its largest velocity.
 fn stiff() -> Versioned<Capability> {
-    let step_q32 = 100u64 << 32;
-    let motor = MotorData {
-        step_q32,
-        row_bits: 36,
-        backlash_steps: 0,
-        travel_lower: -END,
-        travel_upper: END,
-        velocity: 49_800_000,
-        acceleration: 10_470_000_000,
-        jerk: 698_000_000_000,
-    };
+    let (motor, step_q32) = (MOTOR, MOTOR.step_q32);
     let axis = AxisLimits {
         soft_lower: -END,
         soft_upper: END,
@@ -149,4 +152,56 @@ fn an_axis_turns_back_only_where_it_can_do_so_within_its_limits() {
         }
     }
     assert!(tempted > 20, "whole segments led beyond in {tempted} plans");
+}
+
+/// A fibre point 58.7 mm above the middle of the rotary stages, held while they turn.
+fn with_lever() -> Versioned<Capability> {
+    let mut capability = stiff();
+    let one = 1 << 30;
+    let unit = |i: usize| core::array::from_fn(|k| if k == i { one } else { 0 });
+    let screw = |axis, i| ScrewAxis { axis, direction: unit(i), point: [0; 3] };
+    let calibration = Calibration {
+        name: *b"lever           ",
+        order: Axis::ALL,
+        motors: [MOTOR; AXES],
+        inverse_slides: [[0; 3]; 3],
+        rotary_gain: [0; 3],
+        tilt: [[0; 3]; 3],
+        second_order: [[0; 6]; 3],
+        screws: [screw(Axis::Gamma, 2), screw(Axis::Beta, 1), screw(Axis::Alpha, 0)],
+        home_rotation: [unit(0), unit(1), unit(2)],
+        home_origin: [0, 0, 58_700_000 * 16],
+        fibre_point: [0; 3],
+    };
+    let switches = Switches { coupling: false, ..Switches::default() };
+    capability.law = Law::new(&calibration, switches, [0; 3]);
+    for limits in &mut capability.limits.0 {
+        (limits.soft_lower, limits.soft_upper) = (-87_266_463, 87_266_463);
+        (limits.travel_lower, limits.travel_upper) = (-200_000_000, 200_000_000);
+    }
+    capability
+}
+
+#[test]
+fn a_jog_that_turns_holds_what_it_needs_of_every_motor() {
+    let capability = with_lever();
+    assert!(capability.law.lever_nm() >= 58_700_000);
+    for (axis, upwards) in Axis::ALL[3..].iter().flat_map(|axis| [(*axis, false), (*axis, true)]) {
+        let mut pose = Pose([0, 0, 0, 40_000_000, 40_000_000, 40_000_000]);
+        pose.0[axis.index()] = if upwards { -86_800_000 } else { 86_800_000 };
+        let mut planner = Planner::at_rest(pose);
+        planner.desire(axis, Desire::Jog { upwards, limit: 0, speed: u64::MAX });
+        plan(&mut planner, &capability, 0);
+        let grant = planner.slots[axis.index()].active.expect("it jogs").grant;
+        let motors = |pose: Pose| capability.law.targets(&pose.fine(), &mut Default::default()).0;
+        let (here, mut next) = (motors(pose), pose);
+        next.0[axis.index()] += if upwards { 1_000_000 } else { -1_000_000 };
+        for (i, (here, there)) in here.iter().zip(motors(next)).enumerate() {
+            // Q32 steps over a milliradian at that speed, path units of 2^28 nrad in Q60, to Q44 steps
+            let way = u128::from(here.abs_diff(there)) * u128::from(grant.limits.velocity.unsigned_abs());
+            let needed = (way / 1_000_000) >> 20;
+            let held = u128::from(grant.uses[i].velocity);
+            assert!(held + 2 >= needed, "{axis:?} upwards {upwards}: motor {i} needs {needed}, holds {held}");
+        }
+    }
 }
