@@ -149,6 +149,13 @@ fn an_axis_turns_back_only_where_it_can_do_so_within_its_limits() {
             let (low, high, _) = way(&planner, &capability, segment);
             assert!(low < end / 2 + ROUNDING, "it turned back, in {segment}");
             assert!(high <= end + room, "{} nm in {segment}, soft {soft_on}, jog {jog}", high >> 32);
+            // a stop on the way back goes on to where it could stop before
+            for later in segment..segment + 4 {
+                plan(&mut planner, &capability, later);
+            }
+            planner.stop(Axis::X);
+            let (_, high, _) = way(&planner, &capability, segment + 4);
+            assert!(high <= end + room, "stopped at {} nm in {segment}, soft {soft_on}, jog {jog}", high >> 32);
         }
     }
     assert!(tempted > 20, "whole segments led beyond in {tempted} plans");
