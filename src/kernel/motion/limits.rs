@@ -96,11 +96,12 @@ impl Limits {
     }
 
     /// Checks what the motors do along a path: travel of the homed ones, and that all that step are enabled.
-    /// `starts_high`: the motion begins at the upper end of the stretch.
+    /// `starts_high`: the motion begins at the upper end of the stretch or at the lower one; none: between them, as
+    /// one that has to turn back.
     ///
     /// # Errors
     /// -222 with the motor, its position and the end of its travel; 108 with the disabled axis.
-    pub fn check_motors(&self, law: &Law, bounds: &Bounds, starts_high: bool) -> Result<(), Error> {
+    pub fn check_motors(&self, law: &Law, bounds: &Bounds, starts_high: Option<bool>) -> Result<(), Error> {
         for axis in Axis::ALL {
             let i = axis.index();
             let own = &self.0[i];
@@ -113,8 +114,8 @@ impl Limits {
             let step = law.step_q32(i);
             for extreme in [bounds.lowest[i] >> 32, bounds.highest[i] >> 32] {
                 // from beyond the travel, as after another calibration, the way back in is free
-                let stands = bounds.ends[usize::from(starts_high)][i] >> 32;
-                if let Some((at, bound)) = own.leaves(extreme, step).filter(|_| extreme != stands) {
+                let stands = starts_high.map(|high| bounds.ends[usize::from(high)][i] >> 32);
+                if let Some((at, bound)) = own.leaves(extreme, step).filter(|_| stands != Some(extreme)) {
                     return Err(Error::limit(axis, at, bound, true));
                 }
             }

@@ -123,6 +123,42 @@ impl Profile {
         State { position, velocity, acceleration }
     }
 
+    /// Lowest and highest position at the segment borders of a profile that ends at rest, Q60. Not for the interrupt,
+    /// see [`Profile::state`].
+    pub fn extent(&self) -> (i64, i64) {
+        let (mut low, mut high) = (self.end_position, self.end_position);
+        let mut from = 0;
+        for phase in self.phases.iter().take(usize::from(self.count)) {
+            // until its acceleration changes its sign the velocity is monotone, and has at most one zero
+            let bend = self.change_of_sign(from, phase.end, |state| state.acceleration);
+            for (from, to) in [(from, bend), (bend, phase.end)] {
+                let turn = self.change_of_sign(from, to, |state| state.velocity);
+                for n in [from, turn.saturating_sub(1), turn] {
+                    let position = self.position(n, &mut 0);
+                    (low, high) = (low.min(position), high.max(position));
+                }
+            }
+            from = phase.end;
+        }
+        (low, high)
+    }
+
+    /// The first segment border behind `from` at which `rate`, monotone on the way to `to`, no longer has the sign
+    /// that it has there; `to` if it keeps its sign.
+    #[inline(never)]
+    fn change_of_sign(&self, from: u32, to: u32, rate: fn(State) -> i128) -> u32 {
+        let sign = rate(self.state(from)).signum();
+        if sign * rate(self.state(to)).signum() >= 0 {
+            return to;
+        }
+        let (mut same, mut other) = (from, to);
+        while other - same > 1 {
+            let middle = same.midpoint(other);
+            if rate(self.state(middle)).signum() == sign { same = middle } else { other = middle }
+        }
+        other
+    }
+
     /// Segments until the goal is reached.
     pub fn duration(&self) -> u32 {
         self.duration

@@ -2,7 +2,7 @@
 
 use super::checked::Checked;
 use super::share::Asking;
-use super::slot::{Active, Flight, Intent};
+use super::slot::{Active, Flight, Intent, beyond};
 use super::{
     COORDINATED, Capability, Desire, Ordered, Planner, Proposal, SLOTS, Versioned, go_along, straight, unplannable,
     with_speed,
@@ -14,7 +14,7 @@ use crate::motion::plan::{to_position, to_velocity};
 use crate::motion::profile::State;
 use crate::motion::ramp;
 use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
-use crate::units::{AXES, Axis, COORDINATE_LIMIT, Pose, wide};
+use crate::units::{AXES, Axis, Pose, wide};
 
 /// A jog ends after this many segments (76 hours) at the latest: a profile is not made for more.
 const LONGEST_JOG: i64 = 1 << 30;
@@ -85,12 +85,6 @@ impl Planner {
         };
         let state = active.state(segment);
         let limits = with_speed(&active.grant, active.speed, capability.override_percent);
-        let (low, high) = active.extent(segment);
-        if !entry.stop && stop_end(state, active.grant.limits).is_ok_and(|end| !(low..=high).contains(&end)) {
-            // nearly there: in whole segments it can no longer stop before its end, and would overshoot and return
-            entry.replan = false;
-            return;
-        }
         let planned = if entry.stop {
             to_velocity(state, 0, active.grant.limits)
         } else {
@@ -116,8 +110,10 @@ impl Planner {
             (entry.stop, entry.replan) = (false, false);
             return;
         }
-        if stop && !(low..=high).contains(&profile.end_position()) {
-            // it is turning back, perhaps at a limit, and in whole segments would stop behind that: once it has turned
+        if !active.covers(&profile, segment) {
+            // A track that runs straight is about to brake, and comes to rest where it was to; one that has to turn
+            // back does so as planned, and obeys then.
+            entry.replan &= active.detour.is_some();
             return;
         }
         active.track.profile = profile;
@@ -210,7 +206,7 @@ impl Planner {
                 slot: SLOTS,
                 segment,
                 single: false,
-                starts_high: false,
+                starts_high: Some(false),
                 alone: false,
             };
             let Some(grant) = self.grant(capability, &asking)? else {
@@ -277,13 +273,14 @@ impl Planner {
             Some(active) => stop_end(state, active.grant.limits)?,
             None => state.position,
         };
+        let own = capability.limits.range(&capability.law, axis);
+        let (lower, upper) = match self.desires[i] {
+            // a motor's travel may end before the axis' own limit
+            Desire::Jog { upwards: true, limit, .. } => (own.0, limit),
+            Desire::Jog { upwards: false, limit, .. } => (limit, own.1),
+            _ => own,
+        };
         if running.is_some() {
-            let (lower, upper) = match self.desires[i] {
-                // a motor's travel may end before the axis' own limit
-                Desire::Jog { upwards: true, limit, .. } => (-COORDINATE_LIMIT, limit),
-                Desire::Jog { upwards: false, limit, .. } => (limit, COORDINATE_LIMIT),
-                _ => capability.limits.range(&capability.law, axis),
-            };
             let rest = origin.0[i].saturating_add(stop);
             let beyond = rest < i64::from(lower) << 32 || rest > i64::from(upper) << 32;
             if beyond && (origin.0[i] + stop - self.rest().0[i]).signum() == i64::from(stop > state.position) * 2 - 1 {
@@ -300,14 +297,9 @@ impl Planner {
         let path = Path { origin, direction, from, to };
         // an axis that turns is granted the same wherever it goes, so that a new target never asks for less speed
         let region = if axis.is_rotary() {
-            let (lower, upper) = match self.desires[i] {
-                // a motor's travel may end before the axis' own limit
-                Desire::Jog { upwards: true, limit, .. } => (-COORDINATE_LIMIT, limit),
-                Desire::Jog { upwards: false, limit, .. } => (limit, COORDINATE_LIMIT),
-                _ => capability.limits.range(&capability.law, axis),
-            };
+            // and not farther than the axis goes: beyond, where angles wrap, the law means nothing
             let at = |x: i32| (i64::from(x) << 32) - origin.0[i];
-            Path { from: path.from.min(at(lower)), to: path.to.max(at(upper)), ..path }
+            Path { from: path.from.min(at(own.0)), to: path.to.max(at(own.1)), ..path }
         } else {
             path
         };
@@ -317,7 +309,7 @@ impl Planner {
             slot: i,
             segment,
             single: true,
-            starts_high: goal < state.position,
+            starts_high: [(to, true), (from, false)].iter().find(|end| end.0 == state.position).map(|end| end.1),
             alone: false,
         };
         let granted = self.grant(capability, &asking)?;
@@ -344,9 +336,26 @@ impl Planner {
             goal
         };
         let profile = to_position(state, goal, limits).map_err(|_| unplannable())?;
+        let mut detour = running.map(|_| (from, to));
+        if running.is_some()
+            && let (below, above) = beyond((from, to), &profile)
+            && (below || above)
+        {
+            // it turns back a little behind where it could stop: that has to be free too
+            let (lowest, highest) = profile.extent();
+            let wider = (from.min(lowest), to.max(highest));
+            if below && origin.0[i] + lowest < i64::from(lower) << 32
+                || above && origin.0[i] + highest > i64::from(upper) << 32
+            {
+                return Ok(());
+            }
+            let path = Path { from: wider.0, to: wider.1, ..path };
+            let region = Path { from: region.from.min(wider.0), to: region.to.max(wider.1), ..region };
+            self.grant(capability, &Asking { path: &path, region: &region, ..asking })?;
+            detour = Some(wider);
+        }
         let mut track = Track { origin: [0; AXES], direction, end: [0; AXES], profile };
         track.end[i] = goal;
-        let detour = running.map(|_| (from, to));
         let active = Active { track, start: segment, grant, speed, goal, detour, stopping: false, jog };
         if self.launch(i, active, Intent::Desire(self.desires[i]), segment, order) {
             self.bend_others(capability, i, grant.swing);

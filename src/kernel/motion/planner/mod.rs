@@ -15,6 +15,8 @@ mod checked;
 mod launch;
 mod share;
 mod slot;
+#[cfg(test)]
+mod tests;
 
 use super::bounds::{PATH_ONE, Path};
 use super::budget::{Grant, Rates};
@@ -415,7 +417,7 @@ impl Planner {
             slot: SLOTS,
             segment: 0,
             single: false,
-            starts_high: false,
+            starts_high: Some(false),
             alone: true,
         };
         let Some(grant) = self.grant(capability, &asking)? else {

@@ -23,8 +23,8 @@ pub(super) struct Asking<'a> {
     pub segment: u64,
     /// It leaves a little to the others.
     pub single: bool,
-    /// The motion begins at the upper end of the way.
-    pub starts_high: bool,
+    /// The motion begins at the upper end of the way, or at the lower one; none where it first goes on and turns back.
+    pub starts_high: Option<bool>,
     /// As if nothing else ran.
     pub alone: bool,
 }
@@ -40,16 +40,16 @@ pub(super) struct Left {
 }
 
 impl Planner {
-    /// What a path may use, or none while the others leave it too little or stand in its way.
+    /// What a path may use, or none while the others leave it too little.
     ///
     /// # Errors
-    /// A limit that the path breaks by itself.
+    /// A limit that the path breaks by itself, or together with what the others have still to go.
     pub(super) fn grant(&self, capability: &Capability, asking: &Asking<'_>) -> Result<Option<Grant>, Error> {
         let Capability { law, motors, wanted, limits, .. } = capability;
         let way = Bounds::along(law, asking.path);
         limits.check_motors(law, &way, asking.starts_high)?;
-        if !asking.alone && !self.is_clear(capability, asking, &way) {
-            return Ok(None);
+        if !asking.alone {
+            self.check_beside_others(capability, asking, &way)?;
         }
         let swing = way.swing(asking.path);
         let left = if asking.alone {
@@ -101,8 +101,11 @@ impl Planner {
         left
     }
 
-    /// False when the path, together with what the others have still to go, could leave a limit.
-    fn is_clear(&self, capability: &Capability, asking: &Asking<'_>, way: &Bounds) -> bool {
+    /// Checks the path together with what the others have still to go.
+    ///
+    /// # Errors
+    /// The limit that could be left.
+    fn check_beside_others(&self, capability: &Capability, asking: &Asking<'_>, way: &Bounds) -> Result<(), Error> {
         let Capability { law, limits, .. } = capability;
         let mut way = way.clone();
         let mut low = [0i64; AXES];
@@ -138,22 +141,26 @@ impl Planner {
             }
         }
         if rest.is_none() {
-            return true;
+            return Ok(());
         }
         for axis in Axis::ALL {
             let i = axis.index();
             let (lower, upper) = limits.range(law, axis);
             let own = [asking.path.from, asking.path.to]
                 .map(|s| asking.path.origin.0[i].saturating_add(along(asking.path.direction[i], s)));
-            let shared = low[i] != high[i] && asking.path.direction[i] != 0;
-            if shared
-                && (own[0].min(own[1]).saturating_add(low[i]) < i64::from(lower) << 32
-                    || own[0].max(own[1]).saturating_add(high[i]) > i64::from(upper) << 32)
-            {
-                return false;
+            if low[i] == high[i] || asking.path.direction[i] == 0 {
+                continue;
+            }
+            let (lowest, highest) =
+                (own[0].min(own[1]).saturating_add(low[i]), own[0].max(own[1]).saturating_add(high[i]));
+            if lowest < i64::from(lower) << 32 {
+                return Err(Error::limit(axis, lowest >> 32, i64::from(lower), false));
+            }
+            if highest > i64::from(upper) << 32 {
+                return Err(Error::limit(axis, highest >> 32, i64::from(upper), false));
             }
         }
-        limits.check_motors(law, &way, asking.starts_high).is_ok()
+        limits.check_motors(law, &way, asking.starts_high)
     }
 
     /// A new track turns: what the others do is bent by so much more from now on.

@@ -2,7 +2,7 @@
 
 use super::Desire;
 use crate::motion::budget::Grant;
-use crate::motion::profile::State;
+use crate::motion::profile::{Profile, State};
 use crate::motion::track::Track;
 use crate::units::Pose;
 
@@ -37,6 +37,21 @@ impl Active {
         let (low, high) = self.detour.unwrap_or((at, at));
         (low.min(at).min(end), high.max(at).max(end))
     }
+
+    /// Whether another profile from that segment on stays on the way that was checked for this one.
+    pub fn covers(&self, profile: &Profile, segment: u64) -> bool {
+        beyond(self.extent(segment), profile) == (false, false)
+    }
+}
+
+/// Path (Q60) by which the evaluation of a profile may round beyond its ends.
+const ROUNDING: i64 = 1 << 12;
+
+/// Whether a profile leads below and above a stretch of the path. Whole segments make what a moving track can do
+/// differ from one segment to the next: a stop ends up to two segments later, or it turns back later.
+pub(super) fn beyond((low, high): (i64, i64), profile: &Profile) -> (bool, bool) {
+    let (lowest, highest) = profile.extent();
+    (lowest < low.saturating_sub(ROUNDING), highest > high.saturating_add(ROUNDING))
 }
 
 /// What a track on its way is for: wanted again if the generator refuses it.
