@@ -56,10 +56,14 @@ impl Response {
     // For handlers.
 
     /// A whole number.
-    #[inline(never)]
     pub fn integer(&mut self, value: impl Into<i64>) {
+        self.whole(value.into());
+    }
+
+    #[inline(never)]
+    fn whole(&mut self, value: i64) {
         self.part();
-        let _ = write_integer(self, value.into());
+        let _ = write_integer(self, value);
     }
 
     /// 0 or 1.
@@ -112,6 +116,12 @@ impl Response {
         self.put(text.as_bytes());
     }
 
+    /// The short form of a keyword: its capitals.
+    pub fn short_form(&mut self, keyword: &str) {
+        self.part();
+        keyword.split(|c: char| c.is_ascii_lowercase()).for_each(|capitals| self.put(capitals.as_bytes()));
+    }
+
     /// An error as the queue tells it.
     pub fn error(&mut self, error: &Error) {
         self.part();
@@ -119,11 +129,11 @@ impl Response {
     }
 
     /// A string in double quotes.
-    pub fn string(&mut self, text: &str) {
+    pub fn string(&mut self, text: &[u8]) {
         self.part();
         self.put(b"\"");
-        for byte in text.bytes() {
-            self.put(if byte == b'"' { b"\"\"" } else { core::slice::from_ref(&byte) });
+        for byte in text {
+            self.put(if *byte == b'"' { b"\"\"" } else { core::slice::from_ref(byte) });
         }
         self.put(b"\"");
     }
@@ -288,7 +298,7 @@ mod tests {
         out.axis_quantity(Axis::Alpha, 17_453_293, 0);
         out.end_unit();
         out.begin();
-        out.string("a\"b");
+        out.string(b"a\"b");
         out.block(b"xyz");
         out.boolean(true);
         out.end_message();
