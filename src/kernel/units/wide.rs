@@ -9,26 +9,33 @@
 /// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set: two half digits by the
 /// processor's division.
 #[inline(always)]
-fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
-    let (upper, lower) = (by >> 16, by & 0xffff);
-    let half = |rest: u32, next: u32| -> (u32, u32) {
-        let mut quotient = rest.checked_div(upper).unwrap_or(0).min(0xffff);
-        let above = rest.wrapping_sub(quotient.wrapping_mul(upper));
-        let mut rest = above.wrapping_shl(16) | next;
-        let mut product = quotient.wrapping_mul(lower);
-        // at most twice too large: while the part above a digit is empty, the rest says so by being smaller
-        let mut above = above >> 16;
-        while above == 0 && rest < product {
-            quotient -= 1;
-            product -= lower;
-            let (sum, carry) = rest.overflowing_add(upper << 16);
-            (rest, above) = (sum, u32::from(carry));
-        }
-        (quotient, rest.wrapping_sub(product))
-    };
-    let (first, rest) = half(high, low >> 16);
-    let (second, rest) = half(rest, low & 0xffff);
+pub(super) const fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
+    let (first, rest) = half_digit(high, low >> 16, by);
+    let (second, rest) = half_digit(rest, low & 0xffff, by);
     (first << 16 | second, rest)
+}
+
+/// One half digit of [`two_by_one`], and the rest.
+#[inline(always)]
+const fn half_digit(rest: u32, next: u32, by: u32) -> (u32, u32) {
+    let (upper, lower) = (by >> 16, by & 0xffff);
+    let mut quotient = match rest.checked_div(upper) {
+        Some(0x1_0000..) => 0xffff,
+        Some(quotient) => quotient,
+        None => 0,
+    };
+    let above = rest.wrapping_sub(quotient.wrapping_mul(upper));
+    let mut rest = above.wrapping_shl(16) | next;
+    let mut product = quotient.wrapping_mul(lower);
+    // at most twice too large: while the part above a digit is empty, the rest says so by being smaller
+    let mut above = above >> 16;
+    while above == 0 && rest < product {
+        quotient -= 1;
+        product -= lower;
+        let (sum, carry) = rest.overflowing_add(upper << 16);
+        (rest, above) = (sum, carry as u32);
+    }
+    (quotient, rest.wrapping_sub(product))
 }
 
 /// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set.
@@ -204,8 +211,8 @@ pub fn isqrt(x: u128) -> u64 {
 }
 
 /// The largest `r` with `r * r <= x`; the top two bits of `x` are not both zero.
-#[inline(always)]
-fn isqrt_64(x: u64) -> u32 {
+#[inline(never)]
+pub(super) fn isqrt_64(x: u64) -> u32 {
     // the same once more: half of the digits one by one, in 32 bits
     let (high, low) = ((x >> 32) as u32, x as u32);
     let (mut upper, mut rest) = (0u32, high);
@@ -249,8 +256,8 @@ pub fn cube_root(x: u128) -> u64 {
 const LARGEST_CUBE_ROOT: u64 = 6_981_463_658_331;
 
 /// The largest `r` with `r * r * r <= x`, for `2^56 <= x < 2^63`.
-#[inline(always)]
-fn cube_root_64(x: u64) -> u64 {
+#[inline(never)]
+pub(super) fn cube_root_64(x: u64) -> u64 {
     // the same once more: half of the digits one by one, in 32 bits
     let (mut upper, mut rest) = (0u32, (x >> 33) as u32);
     for shift in (0..30).step_by(3).rev() {

@@ -1,0 +1,321 @@
+//! Numbers of 32 significant bits for bounds: each operation is rounded to the side that its name says.
+//!
+//! # Design
+//! What limits a motion need not be exact, only never too large (or too small). A mantissa of 32 bits and an exponent
+//! of its own are what a Cortex-M4 multiplies in one instruction and divides in two, for 20 to 50 instructions each,
+//! where exact numbers of 128 bits take hundreds. One operation is off by less than 2^-30 of its result, a cube root by
+//! less than 2^-19. No width can be too small: exponents have 32 bits.
+
+use super::wide::{cube_root_64, isqrt_64, two_by_one};
+
+/// A number that is not negative: `mantissa * 2^exponent`. By its order of fields it is ordered as numbers are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Rough {
+    exponent: i32,
+    /// Its top bit is set, or it is zero.
+    mantissa: u32,
+}
+
+/// Exponent of zero, and of what has no bound with the other sign: no sum of real exponents comes near.
+const LEAST_EXPONENT: i32 = -(1 << 24);
+
+impl Default for Rough {
+    fn default() -> Self {
+        Rough::ZERO
+    }
+}
+
+impl Rough {
+    /// 0.
+    pub const ZERO: Rough = Rough { exponent: LEAST_EXPONENT, mantissa: 0 };
+    /// 1.
+    pub const ONE: Rough = Rough { exponent: -31, mantissa: 1 << 31 };
+    /// Larger than every number.
+    pub const INFINITE: Rough = Rough { exponent: -LEAST_EXPONENT, mantissa: 1 << 31 };
+
+    /// `x / 2^bits`, not above it.
+    #[inline(never)]
+    pub const fn down(x: u64, bits: i32) -> Rough {
+        if x == 0 {
+            return Rough::ZERO;
+        }
+        let up = x.leading_zeros();
+        Rough { exponent: 32 - up as i32 - bits, mantissa: ((x << up) >> 32) as u32 }
+    }
+
+    /// `x / 2^bits`, not below it.
+    #[inline(never)]
+    pub const fn up(x: u64, bits: i32) -> Rough {
+        let below = Rough::down(x, bits);
+        if x as u32 == 0 || x >> 32 == 0 { below } else { below.next() }
+    }
+
+    /// A number in 128 bits, not above it.
+    #[inline(never)]
+    pub const fn wide_down(x: u128) -> Rough {
+        // the digits that are there: a shift of 128 bits is long
+        let (high, low) = ((x >> 64) as u64, x as u64);
+        if high >> 32 != 0 {
+            Rough::down(high, -64)
+        } else if high != 0 {
+            Rough::down(high << 32 | low >> 32, -32)
+        } else {
+            Rough::down(low, 0)
+        }
+    }
+
+    /// A number in 128 bits, not below it.
+    pub const fn wide_up(x: u128) -> Rough {
+        if x == 0 { Rough::ZERO } else { Rough::wide_down(x).next() }
+    }
+
+    /// The next larger number.
+    #[inline(always)]
+    const fn next(self) -> Rough {
+        match self.mantissa.checked_add(1) {
+            Some(mantissa) => Rough { mantissa, ..self },
+            None => Rough { exponent: self.exponent + 1, mantissa: 1 << 31 },
+        }
+    }
+
+    /// Times `2^by`.
+    #[inline(always)]
+    pub const fn shifted(self, by: i32) -> Rough {
+        if self.mantissa == 0 { self } else { Rough { exponent: self.exponent + by, ..self } }
+    }
+
+    /// True for 0.
+    pub const fn is_zero(self) -> bool {
+        self.mantissa == 0
+    }
+
+    /// The product, not below it.
+    #[inline(never)]
+    pub const fn times_up(self, by: Rough) -> Rough {
+        if self.mantissa == 0 || by.mantissa == 0 {
+            return Rough::ZERO;
+        }
+        let product = self.mantissa as u64 * by.mantissa as u64;
+        let exponent = self.exponent + by.exponent + 32;
+        let below = if product >> 63 != 0 {
+            Rough { exponent, mantissa: (product >> 32) as u32 }
+        } else {
+            Rough { exponent: exponent - 1, mantissa: (product >> 31) as u32 }
+        };
+        if product as u32 == 0 { below } else { below.next() }
+    }
+
+    /// The sum, not below it.
+    #[inline(never)]
+    pub fn plus_up(self, other: Rough) -> Rough {
+        let (large, small) = if self < other { (other, self) } else { (self, other) };
+        if small.mantissa == 0 {
+            return large;
+        }
+        let apart = (large.exponent - small.exponent) as u32;
+        // what is shifted out counts as one
+        let add = if apart < 32 { (small.mantissa >> apart) + u32::from(apart != 0) } else { 1 };
+        match large.mantissa.overflowing_add(add) {
+            (mantissa, false) => Rough { mantissa, ..large },
+            (rest, true) => Rough { exponent: large.exponent + 1, mantissa: (rest >> 1 | 1 << 31) + (rest & 1) },
+        }
+    }
+
+    /// The difference, not above it; 0 where it would be negative.
+    #[inline(never)]
+    pub fn minus_down(self, other: Rough) -> Rough {
+        if self <= other {
+            return Rough::ZERO;
+        }
+        if other.mantissa == 0 {
+            return self;
+        }
+        let apart = (self.exponent - other.exponent) as u32;
+        let less = if apart < 32 { (other.mantissa >> apart) + u32::from(apart != 0) } else { 1 };
+        let left = self.mantissa.saturating_sub(less);
+        Rough::down(left.into(), -self.exponent)
+    }
+
+    /// The quotient, not above it; by zero it is infinite.
+    #[inline(never)]
+    pub const fn over_down(self, by: Rough) -> Rough {
+        if by.mantissa == 0 {
+            return Rough::INFINITE;
+        }
+        if self.mantissa == 0 {
+            return self;
+        }
+        let exponent = self.exponent - by.exponent - 32;
+        if self.mantissa < by.mantissa {
+            Rough { exponent, mantissa: two_by_one(self.mantissa, 0, by.mantissa).0 }
+        } else {
+            let (high, low) = (self.mantissa >> 1, self.mantissa << 31);
+            Rough { exponent: exponent + 1, mantissa: two_by_one(high, low, by.mantissa).0 }
+        }
+    }
+
+    /// The quotient, not below it; by zero it is infinite.
+    pub const fn over_up(self, by: Rough) -> Rough {
+        if self.mantissa == 0 { self } else { self.over_down(by).next() }
+    }
+
+    /// The smaller of this and of a quotient that is not above the exact one.
+    #[inline(never)]
+    pub fn least(self, dividend: Rough, divisor: Rough) -> Rough {
+        // most quotients are larger than the smallest one: their exponents say so
+        if dividend.exponent - divisor.exponent - 32 > self.exponent {
+            return self;
+        }
+        self.min(dividend.over_down(divisor))
+    }
+
+    /// The square root, not above it.
+    #[inline(never)]
+    pub fn root_down(self) -> Rough {
+        if self.mantissa == 0 {
+            return self;
+        }
+        // 63 or 64 bits, their exponent even
+        let odd = self.exponent & 1;
+        let root = isqrt_64(u64::from(self.mantissa) << (32 - odd));
+        Rough { exponent: (self.exponent + odd - 32) / 2, mantissa: root }
+    }
+
+    /// The square root, not below it.
+    pub fn root_up(self) -> Rough {
+        if self.mantissa == 0 { self } else { self.root_down().next() }
+    }
+
+    /// The cube root, not above it, to 2^-19.
+    #[inline(never)]
+    pub fn cube_root_down(self) -> Rough {
+        if self.mantissa == 0 {
+            return self;
+        }
+        // 60 to 62 bits, their exponent a multiple of three
+        let up = 28 + (self.exponent - 28).rem_euclid(3);
+        let root = cube_root_64(u64::from(self.mantissa) << up);
+        Rough::down(root, (up - self.exponent) / 3)
+    }
+
+    /// The cube root, not below it, to 2^-19.
+    pub fn cube_root_up(self) -> Rough {
+        let below = self.cube_root_down();
+        // one of the 20 or 21 bits
+        if below.mantissa == 0 { below } else { below.plus_up(Rough::ONE.shifted(below.exponent + 12)) }
+    }
+
+    /// Times `2^bits`, rounded down; the largest number where it is more.
+    #[inline(never)]
+    pub const fn floor(self, bits: i32) -> u64 {
+        let up = self.exponent + bits;
+        match up {
+            _ if self.mantissa == 0 || up <= -32 => 0,
+            _ if up > 32 => u64::MAX,
+            0.. => (self.mantissa as u64) << up,
+            _ => (self.mantissa >> -up) as u64,
+        }
+    }
+
+    /// Times `2^bits`, rounded up; the largest number where it is more.
+    #[inline(never)]
+    pub const fn ceil(self, bits: i32) -> u64 {
+        let up = self.exponent + bits;
+        match up {
+            _ if self.mantissa == 0 => 0,
+            _ if up <= -32 => 1,
+            _ if up > 32 => u64::MAX,
+            0.. => (self.mantissa as u64) << up,
+            _ => ((self.mantissa - 1) as u64 >> -up) + 1,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::random::Random;
+
+    fn value(x: Rough) -> f64 {
+        f64::from(x.mantissa) * 2f64.powi(x.exponent)
+    }
+
+    /// Any number of up to 32 bits, often with digits of ones or zeros, at any place.
+    fn any(random: &mut Random) -> Rough {
+        let bits = random.bits();
+        let mantissa = match bits >> 61 {
+            0 => u32::MAX,
+            1 => 1 << 31,
+            2 => return Rough::ZERO,
+            3 => (1 << 31) + 1,
+            _ => bits as u32 | 1 << 31,
+        };
+        Rough { exponent: ((bits >> 32) % 80) as i32 - 60, mantissa }
+    }
+
+    /// Whether `x` is `exact`, or next to it on the right side; `exact` may be off by 2^-52 itself.
+    #[track_caller]
+    fn near(x: Rough, exact: f64, above: bool, most: f64) {
+        let off = (value(x) - exact) / exact.max(1e-300);
+        let off = if above { off } else { -off };
+        assert!(off >= -1e-15 && off <= most, "{x:?} for {exact}: off by {off}");
+        assert!(x.mantissa == 0 || x.mantissa >> 31 == 1, "{x:?}");
+    }
+
+    #[test]
+    fn every_operation_is_near_and_on_its_side() {
+        let mut random = Random(11);
+        let ulp = 1.0 / f64::from(1u32 << 30);
+        for _ in 0..1_000_000 {
+            let (a, b) = (any(&mut random), any(&mut random));
+            let (x, y) = (value(a), value(b));
+            near(a.times_up(b), x * y, true, ulp);
+            near(a.plus_up(b), x + y, true, ulp);
+            if x > y {
+                // near zero what is lost is small against what it came from
+                near(a.minus_down(b), x - y, false, ulp * x / (x - y));
+            } else {
+                assert!(a.minus_down(b).is_zero());
+            }
+            if !b.is_zero() {
+                near(a.over_down(b), x / y, false, ulp);
+                near(a.over_up(b), x / y, true, ulp);
+                near(Rough::INFINITE.least(a, b), x / y, false, ulp);
+                let (c, least) = (any(&mut random), |c: Rough| c.least(a, b));
+                assert_eq!(least(c), c.min(a.over_down(b)));
+            }
+            near(a.root_down(), x.sqrt(), false, ulp);
+            near(a.root_up(), x.sqrt(), true, ulp);
+            near(a.cube_root_down(), x.cbrt(), false, 2.0f64.powi(-19));
+            near(a.cube_root_up(), x.cbrt(), true, 2.0f64.powi(-18));
+            assert_eq!(a < b, x < y, "{a:?} {b:?}");
+        }
+        assert_eq!(Rough::ONE.over_down(Rough::ZERO), Rough::INFINITE);
+        assert!(Rough::INFINITE > any(&mut random));
+    }
+
+    #[test]
+    fn whole_numbers_come_in_and_go_out_on_the_side_that_is_asked_for() {
+        let mut random = Random(12);
+        for _ in 0..1_000_000 {
+            let x = random.bits() >> (random.bits() >> 58);
+            let (below, above) = (Rough::down(x, 5), Rough::up(x, 5));
+            near(below, x as f64 / 32.0, false, 1e-9);
+            near(above, x as f64 / 32.0, true, 1e-9);
+            assert!(below.floor(5) <= x && above.ceil(5) >= x);
+            if x >> 32 == 0 {
+                assert_eq!((below.floor(5), above.ceil(5)), (x, x));
+            }
+            let wide = u128::from(x) << (random.bits() >> 58);
+            near(Rough::wide_down(wide), wide as f64, false, 1e-9);
+            near(Rough::wide_up(wide), wide as f64, true, 1e-9);
+            let bits = (random.bits() >> 58) as i32 - 40;
+            let exact = value(below) * 2f64.powi(bits);
+            let (floor, ceil) = (below.floor(bits), below.ceil(bits));
+            if exact < 2f64.powi(62) {
+                assert_eq!((floor, ceil), (exact.floor() as u64, exact.ceil() as u64), "{below:?} {bits}");
+            }
+        }
+    }
+}
