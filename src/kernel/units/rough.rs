@@ -36,18 +36,25 @@ impl Rough {
     /// `x / 2^bits`, not above it.
     #[inline(never)]
     pub const fn down(x: u64, bits: i32) -> Rough {
-        if x == 0 {
-            return Rough::ZERO;
-        }
-        let up = x.leading_zeros();
-        Rough { exponent: 32 - up as i32 - bits, mantissa: ((x << up) >> 32) as u32 }
+        Rough::normal(x, bits).0
     }
 
     /// `x / 2^bits`, not below it.
     #[inline(never)]
     pub const fn up(x: u64, bits: i32) -> Rough {
-        let below = Rough::down(x, bits);
-        if x as u32 == 0 || x >> 32 == 0 { below } else { below.next() }
+        let (below, exact) = Rough::normal(x, bits);
+        if exact { below } else { below.next() }
+    }
+
+    /// Not above, and whether it is exact.
+    #[inline(always)]
+    const fn normal(x: u64, bits: i32) -> (Rough, bool) {
+        if x == 0 {
+            return (Rough::ZERO, true);
+        }
+        let up = x.leading_zeros();
+        let x = x << up;
+        (Rough { exponent: 32 - up as i32 - bits, mantissa: (x >> 32) as u32 }, x as u32 == 0)
     }
 
     /// A number in 128 bits, not above it.
@@ -92,17 +99,28 @@ impl Rough {
     /// The product, not below it.
     #[inline(never)]
     pub const fn times_up(self, by: Rough) -> Rough {
+        let (below, exact) = self.product(by);
+        if exact { below } else { below.next() }
+    }
+
+    /// The product, not above it.
+    pub const fn times_down(self, by: Rough) -> Rough {
+        self.product(by).0
+    }
+
+    /// Not above, and whether it is exact.
+    #[inline(always)]
+    const fn product(self, by: Rough) -> (Rough, bool) {
         if self.mantissa == 0 || by.mantissa == 0 {
-            return Rough::ZERO;
+            return (Rough::ZERO, true);
         }
         let product = self.mantissa as u64 * by.mantissa as u64;
         let exponent = self.exponent + by.exponent + 32;
-        let below = if product >> 63 != 0 {
-            Rough { exponent, mantissa: (product >> 32) as u32 }
+        if product >> 63 != 0 {
+            (Rough { exponent, mantissa: (product >> 32) as u32 }, product as u32 == 0)
         } else {
-            Rough { exponent: exponent - 1, mantissa: (product >> 31) as u32 }
-        };
-        if product as u32 == 0 { below } else { below.next() }
+            (Rough { exponent: exponent - 1, mantissa: (product >> 31) as u32 }, product as u32 & 0x7fff_ffff == 0)
+        }
     }
 
     /// The sum, not below it.
@@ -271,6 +289,7 @@ mod tests {
             let (a, b) = (any(&mut random), any(&mut random));
             let (x, y) = (value(a), value(b));
             near(a.times_up(b), x * y, true, ulp);
+            near(a.times_down(b), x * y, false, ulp);
             near(a.plus_up(b), x + y, true, ulp);
             if x > y {
                 // near zero what is lost is small against what it came from

@@ -1,14 +1,14 @@
 //! From desires and goals to tracks.
 
 use super::checked::Checked;
-use super::share::Asking;
+use super::share::{Asking, Left};
 use super::slot::{Active, Flight, Intent};
 use super::{
     COORDINATED, Capability, Desire, Planner, Proposal, SLOTS, Versioned, go_along, straight, unplannable, with_speed,
 };
 use crate::error::Error;
 use crate::motion::bounds::{PATH_ONE, Path};
-use crate::motion::budget::Grant;
+use crate::motion::budget::{Grant, Turning};
 use crate::motion::plan::{to_position, to_velocity};
 use crate::motion::profile::State;
 use crate::motion::ramp;
@@ -185,7 +185,7 @@ impl Planner {
         } else {
             let asking = Asking {
                 path: &path,
-                region: &path,
+                region: None,
                 slot: SLOTS,
                 segment,
                 single: false,
@@ -286,13 +286,13 @@ impl Planner {
                 _ => capability.limits.range(&capability.law, axis),
             };
             let at = |x: i32| (i64::from(x) << 32) - origin.0[i];
-            Path { from: path.from.min(at(lower)), to: path.to.max(at(upper)), ..path }
+            Some(Path { from: path.from.min(at(lower)), to: path.to.max(at(upper)), ..path })
         } else {
-            path
+            None
         };
         let asking = Asking {
             path: &path,
-            region: &region,
+            region: region.as_ref(),
             slot: i,
             segment,
             single: true,
@@ -341,8 +341,9 @@ impl Planner {
         let Some(active) = self.slots[slot].active else {
             return false;
         };
-        let left = self.left(capability, slot, segment, swing).motors;
-        left.iter().zip(&active.grant.uses).all(|(left, uses)| left.covers(uses))
+        let mut left = Left { motors: capability.motors, others: Turning::default(), remaining: 0 };
+        self.left(capability, slot, segment, swing, &mut left);
+        left.motors.iter().zip(&active.grant.uses).all(|(left, uses)| left.covers(uses))
     }
 }
 

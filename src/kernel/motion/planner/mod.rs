@@ -396,7 +396,7 @@ impl Planner {
         }
         let asking = Asking {
             path: &path,
-            region: &path,
+            region: None,
             slot: SLOTS,
             segment: 0,
             single: false,

@@ -15,8 +15,8 @@ const ONE_RADIAN: u64 = 1_000_000_000;
 pub(super) struct Asking<'a> {
     /// The way that it will go.
     pub path: &'a Path,
-    /// Where its slopes are looked for: the way, or more.
-    pub region: &'a Path,
+    /// Where its slopes are looked for, if that is more than the way.
+    pub region: Option<&'a Path>,
     /// Its slot.
     pub slot: usize,
     /// The segment at which it begins.
@@ -46,32 +46,31 @@ impl Planner {
     /// A limit that the path breaks by itself.
     pub(super) fn grant(&self, capability: &Capability, asking: &Asking<'_>) -> Result<Option<Grant>, Error> {
         let Capability { law, motors, wanted, limits, .. } = capability;
-        let way = Bounds::along(law, asking.path);
-        limits.check_motors(law, &way, asking.starts_high)?;
-        if !asking.alone && !self.is_clear(capability, asking, &way) {
+        let mut bounds = Bounds::along(law, asking.path);
+        limits.check_motors(law, &bounds.range, asking.starts_high)?;
+        if !asking.alone && !self.is_clear(capability, asking, &bounds) {
             return Ok(None);
         }
-        let swing = way.swing(asking.path);
-        let left = if asking.alone {
-            Left { motors: *motors, others: Turning::default(), remaining: 0 }
-        } else {
-            self.left(capability, asking.slot, asking.segment, swing)
-        };
-        let region = if asking.region == asking.path { way } else { Bounds::along(law, asking.region) };
-        let mut bounds = region.among(law, left.remaining);
-        bounds.rests = !asking.single && asking.path.from == 0 && asking.path.to == PATH_ONE;
-        let mut ways = [0; AXES];
-        for (way, d) in ways.iter_mut().zip(&asking.path.direction) {
-            *way = (d.unsigned_abs() >> 16) + u64::from(*d != 0);
+        let swing = bounds.swing(asking.path);
+        let mut left = Left { motors: *motors, others: Turning::default(), remaining: 0 };
+        if !asking.alone {
+            self.left(capability, asking.slot, asking.segment, swing, &mut left);
         }
+        if let Some(region) = asking.region {
+            bounds = Bounds::along(law, region);
+        }
+        bounds.bend_by(law, left.remaining);
+        bounds.rests = !asking.single && asking.path.from == 0 && asking.path.to == PATH_ONE;
         let crossed = |i: usize, nrad2_q40: u128| law_crossed(capability, i, nrad2_q40);
-        let share = if asking.single { SINGLE_SHARE_1024 } else { 1024 };
-        let available = left.motors.map(|m| m.share(share));
-        let mut grant = Grant::within(&bounds, &available, wanted, &ways, left.others, &crossed);
+        if asking.single {
+            left.motors.iter_mut().for_each(|m| *m = m.share(SINGLE_SHARE_1024));
+        }
+        let direction = &asking.path.direction;
+        let mut grant = Grant::within(&bounds, &left.motors, wanted, direction, left.others, &crossed);
         grant.swing = swing;
         if !asking.alone && self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
-            let alone = motors.map(|m| m.share(share));
-            let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), &crossed);
+            let alone = if asking.single { motors.map(|m| m.share(SINGLE_SHARE_1024)) } else { *motors };
+            let best = Grant::within(&bounds, &alone, wanted, direction, Turning::default(), &crossed);
             let (a, b) = (grant.limits, best.limits);
             let enough = |have: i64, want: i64| have >= want / WAIT_BELOW && have > 1;
             if !(enough(a.velocity, b.velocity) && enough(a.acceleration, b.acceleration) && enough(a.jerk, b.jerk)) {
@@ -82,8 +81,8 @@ impl Planner {
     }
 
     /// What the others leave to a track that turns by `swing` nrad and thereby bends what they do.
-    pub(super) fn left(&self, capability: &Capability, own: usize, segment: u64, swing: u64) -> Left {
-        let mut left = Left { motors: capability.motors, others: Turning::default(), remaining: 0 };
+    /// `left` says what all of them may use.
+    pub(super) fn left(&self, capability: &Capability, own: usize, segment: u64, swing: u64, left: &mut Left) {
         for (i, slot) in self.slots.iter().enumerate() {
             let Some(active) = slot.latest().filter(|_| i != own) else {
                 continue;
@@ -98,13 +97,12 @@ impl Planner {
             let way = low.unsigned_abs().max(high.unsigned_abs());
             left.remaining += wide::mul_shift(angle, way, 60);
         }
-        left
     }
 
     /// False when the path, together with what the others have still to go, could leave a limit.
     fn is_clear(&self, capability: &Capability, asking: &Asking<'_>, way: &Bounds) -> bool {
         let Capability { law, limits, .. } = capability;
-        let mut way = way.clone();
+        let mut range = way.range;
         let mut low = [0i64; AXES];
         let mut high = [0i64; AXES];
         let swing = way.swing(asking.path);
@@ -126,10 +124,10 @@ impl Planner {
             let angles = u128::from(swing) * u128::from(other.swing(&path));
             for (m, rest) in rest.iter().enumerate() {
                 let crossed = (law_crossed(capability, m, angles << 40) >> 12) as i64;
-                let down = other.lowest[m].saturating_sub(*rest).min(0).saturating_sub(crossed);
-                let up = other.highest[m].saturating_sub(*rest).max(0).saturating_add(crossed);
-                way.lowest[m] = way.lowest[m].saturating_add(down);
-                way.highest[m] = way.highest[m].saturating_add(up);
+                let down = other.range.lowest[m].saturating_sub(*rest).min(0).saturating_sub(crossed);
+                let up = other.range.highest[m].saturating_sub(*rest).max(0).saturating_add(crossed);
+                range.lowest[m] = range.lowest[m].saturating_add(down);
+                range.highest[m] = range.highest[m].saturating_add(up);
             }
             for (a, d) in active.track.direction.iter().enumerate() {
                 let [one, other] = [from, to].map(|s| along(*d, s));
@@ -153,7 +151,7 @@ impl Planner {
                 return false;
             }
         }
-        limits.check_motors(law, &way, asking.starts_high).is_ok()
+        limits.check_motors(law, &range, asking.starts_high).is_ok()
     }
 
     /// A new track turns: what the others do is bent by so much more from now on.
