@@ -122,10 +122,11 @@ impl Bounds {
         bounds.stretch = Rough::up(each.unsigned_abs().max(1), 60);
         bounds.per_stretch = Rough::ONE.over_up(Rough::down(each.unsigned_abs().max(1), 60));
         bounds.look(law, path, count, each);
-        bounds.lie_between(count, turns);
-        if turns {
-            bounds.steepen(count);
-        } else {
+        bounds.stretches = if count > 1 { count } else { 0 };
+        for i in 0..AXES {
+            bounds.follow(i, count, turns);
+        }
+        if !turns {
             bounds.run_straight(law, path);
         }
         bounds
@@ -150,6 +151,7 @@ impl Bounds {
     }
 
     /// Samples of the law at the ends of `count` stretches of `each` (Q60).
+    #[inline(never)]
     fn look(&mut self, law: &Law, path: &Path, count: usize, each: i64) {
         let mut remembered = Remembered::default();
         let mut pose = path.at(path.from);
@@ -160,72 +162,72 @@ impl Bounds {
             }
             *sample = law.targets(&pose, &mut remembered).0;
             for (u, way) in pose.0.iter_mut().zip(&way) {
-                *u = u.saturating_add(*way);
+                *u = u.wrapping_add(*way);
             }
         }
         self.range.ends = [self.samples[0], self.samples.get(count).copied().unwrap_or_default()];
     }
 
-    /// Curvature times half the square of a stretch, Q32 steps.
-    fn bulge(&self, i: usize) -> u64 {
-        self.curvature[i].times_up(self.stretch).times_up(self.stretch).shifted(-1).ceil(32)
-    }
-
-    /// The range of the motors; before it lowers their curvature to what samples show.
-    fn lie_between(&mut self, count: usize, turns: bool) {
-        for i in 0..AXES {
+    /// Range, curvature and slope of a motor by what its samples show.
+    fn follow(&mut self, i: usize, count: usize, turns: bool) {
+        let samples = self.samples.get(..=count).unwrap_or_default();
+        let (mut last, mut before) = (samples.first().map_or(0, |first| first[i]), None);
+        let (mut shortest, mut longest, mut bent, mut back) = (u64::MAX, 0, 0, 0);
+        for sample in samples.get(1..).unwrap_or_default() {
+            let way = sample[i].wrapping_sub(last);
+            last = sample[i];
+            let length = way.unsigned_abs();
+            shortest = shortest.min(length);
+            longest = longest.max(length);
+            if let Some(before) = before {
+                bent = way.abs_diff(before).max(bent);
+                back |= way ^ before;
+            }
+            before = Some(way);
+        }
+        let mut bulge = 0;
+        if turns {
             if count > 1 {
-                self.straighten(i);
+                self.straighten(i, bent);
             }
-            // of half a stretch to either side, from the middle
-            let bulge = if turns { self.bulge(i) } else { 0 };
-            let mut last = self.samples[0][i];
-            let (mut low, mut high) = (last, last);
-            for sample in self.samples.iter().take(count + 1).skip(1) {
-                let at = sample[i];
-                // where it does not turn back, its ends are its extremes
-                let turns_back = turns && at.abs_diff(last) / 2 <= bulge;
-                let beyond = if turns_back { (bulge / 4 + 1) as i64 } else { 0 };
-                let (lower, upper) = if at < last { (at, last) } else { (last, at) };
-                low = low.min(lower - beyond);
-                high = high.max(upper + beyond);
-                last = at;
-            }
-            (self.range.lowest[i], self.range.highest[i]) = (low, high);
-            self.range.steps |= u8::from(low >> 32 != high >> 32) << i;
+            self.noise[i] = self.per_unit[i].shifted(-4);
+            let bend = self.curvature[i].times_up(self.stretch).shifted(-1);
+            // half the curvature times the square of a stretch, Q32 steps
+            bulge = bend.times_up(self.stretch).ceil(32);
+            self.slope[i] = self.steepest(longest, i);
         }
+        // where no stretch turns back its ends are its extremes
+        let one_way = back >= 0 && (shortest / 2 > bulge || !turns);
+        let (low, high) = if one_way { self.between_ends(i) } else { self.between_samples(i, count, bulge) };
+        (self.range.lowest[i], self.range.highest[i]) = (low, high);
+        self.range.steps |= u8::from(low >> 32 != high >> 32) << i;
     }
 
-    /// Lowers the curvature of a motor to what the samples show.
-    fn straighten(&mut self, i: usize) {
-        let [first, second, ..] = &self.samples;
-        let (mut last, mut way) = (second[i], second[i] - first[i]);
-        let mut largest = 0;
-        for sample in &self.samples[2..] {
-            let next = sample[i] - last;
-            largest = largest.max(next.abs_diff(way));
-            (last, way) = (sample[i], next);
+    fn between_ends(&self, i: usize) -> (i64, i64) {
+        let [first, last] = &self.range.ends;
+        if first[i] < last[i] { (first[i], last[i]) } else { (last[i], first[i]) }
+    }
+
+    /// `bulge`: half of what a motor goes beyond its way over half a stretch.
+    #[inline(never)]
+    fn between_samples(&self, i: usize, count: usize, bulge: u64) -> (i64, i64) {
+        let mut range = self.between_ends(i);
+        for pair in self.samples.get(..=count).unwrap_or_default().windows(2) {
+            let [last, at] = pair else { continue };
+            let (lower, upper) = (last[i].min(at[i]), last[i].max(at[i]));
+            let beyond = if upper.abs_diff(lower) / 2 <= bulge { (bulge / 4 + 1) as i64 } else { 0 };
+            range = (range.0.min(lower - beyond), range.1.max(upper + beyond));
         }
-        // a second difference has four times the rounding of a sample
-        let sum = Rough::up(largest, 32).plus_up(self.per_unit[i].shifted(-2));
+        range
+    }
+
+    /// Lowers the curvature of a motor to what the largest second difference of its samples shows.
+    fn straighten(&mut self, i: usize, bent: u64) {
+        // it has four times the rounding of a sample
+        let sum = Rough::up(bent, 32).plus_up(self.per_unit[i].shifted(-2));
         let shown = sum.times_up(self.per_stretch).times_up(self.per_stretch);
         let apart = self.third[i].times_up(self.stretch).shifted(1);
         self.curvature[i] = self.curvature[i].min(shown.plus_up(apart));
-    }
-
-    /// Slopes where the path turns: by the longest way of each motor over a stretch.
-    fn steepen(&mut self, count: usize) {
-        self.stretches = if count > 1 { count } else { 0 };
-        for i in 0..AXES {
-            self.noise[i] = self.per_unit[i].shifted(-4);
-            let mut last = self.samples[0][i];
-            let mut way = 0;
-            for sample in self.samples.iter().take(count + 1).skip(1) {
-                way = way.max(sample[i].abs_diff(last));
-                last = sample[i];
-            }
-            self.slope[i] = self.steepest(way, i);
-        }
     }
 
     /// Slopes where nothing turns: the same everywhere, those of one path unit.
@@ -240,20 +242,25 @@ impl Bounds {
     }
 
     /// |m'| within a stretch over which a motor goes by `way` (Q32 steps).
+    #[inline(never)]
     fn steepest(&self, way: u64, i: usize) -> Rough {
         let mean = Rough::up(way, 32).plus_up(self.noise[i]).times_up(self.per_stretch);
         mean.plus_up(self.curvature[i].times_up(self.stretch).shifted(-1))
     }
 
-    /// |m'| of a motor within one of the [`Bounds::stretches`], steps per path unit.
-    pub fn slope_within(&self, stretch: usize, i: usize) -> Rough {
-        let at = |k: usize| self.samples.get(k).map_or(0, |sample| sample[i]);
-        self.steepest(at(stretch + 1).abs_diff(at(stretch)), i)
+    /// |m'| of a motor, steps per path unit, within the [`Bounds::stretches`] of which the farther ends are as many
+    /// stretches from one end of the path or the other.
+    pub fn slope_at(&self, distance: usize, i: usize) -> Rough {
+        let way = |k: usize| match self.samples.get(k..k + 2) {
+            Some([from, to]) => to[i].abs_diff(from[i]),
+            _ => 0,
+        };
+        self.steepest(way(distance - 1).max(way(self.stretches - distance)), i)
     }
 
-    /// Path units from rest, at one end of the path or the other, to the farther end of a stretch.
-    pub fn from_rest(&self, stretch: usize) -> Rough {
-        self.stretch.times_up(Rough::up((stretch + 1).min(self.stretches - stretch) as u64, 0))
+    /// Path units in so many stretches.
+    pub fn distance(&self, stretches: usize) -> Rough {
+        self.stretch.times_up(Rough::down(stretches as u64, 0))
     }
 
     /// From now on the bounds while other tracks may turn by `others` nrad, which bends the path.

@@ -260,9 +260,9 @@ fn not_too_steep(most: Rough, bounds: &Bounds, lefts: &[Least; AXES]) -> Rough {
             let least = |most: Rough, (i, left): (usize, &Least)| most.least(left.acceleration, bounds.slope[i]);
             lefts.iter().enumerate().fold(Rough::ONE, least)
         });
-        for stretch in 0..bounds.stretches {
-            let slope = bounds.slope_within(stretch, i);
-            let reached = most.times_up(bounds.from_rest(stretch)).shifted(1).min(Rough::ONE);
+        for distance in 1..=bounds.stretches / 2 {
+            let slope = bounds.slope_at(distance, i);
+            let reached = most.times_up(bounds.distance(distance)).shifted(1).min(Rough::ONE);
             // compared by their squares
             if slope.times_up(slope).times_up(reached) > left.velocity.times_down(left.velocity) {
                 velocity = velocity.least(left.velocity, slope);
