@@ -79,16 +79,12 @@ impl Rates {
 /// A quarter of the duration, in segments, of a take-up of `width` steps within `reserve`
 /// (peaks 2 b/T, 8 b/T^2, 32 b/T^3 with T four quarters).
 pub fn take_up_quarter(width: u32, reserve: Rates) -> u32 {
-    let b = u128::from(width) << RATE_BITS;
-    let over = |rate: u64| wide::div_up(b, u128::from(rate.max(1)));
     // with T = 4 q: q >= b / (2 v), q^2 >= b / (2 a), q^3 >= b / (2 j)
-    let half = |value: u128| value.div_ceil(2);
-    let q1 = half(over(reserve.velocity));
-    let a = half(over(reserve.acceleration));
-    let q2 = u128::from(wide::isqrt(a)) + 1;
-    let j = half(over(reserve.jerk));
-    let q3 = u128::from(wide::cube_root(j)) + 1;
-    u32::try_from(q1.max(q2).max(q3)).unwrap_or(u32::MAX / 8).clamp(1, u32::MAX / 8)
+    let half = Rough::up(width.into(), 1);
+    let over = |rate: u64| half.over_up(Rough::down(rate.max(1), RATE_BITS as i32));
+    let (q1, q2) = (over(reserve.velocity), over(reserve.acceleration).root_up());
+    let q = q1.max(q2).max(over(reserve.jerk).cube_root_up()).ceil(0);
+    u32::try_from(q).unwrap_or(u32::MAX / 8).clamp(1, u32::MAX / 8)
 }
 
 /// Angular rates of a track, nrad per segment^k in Q20, summed over the rotary axes: what tracks that run at the

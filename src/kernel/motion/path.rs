@@ -19,10 +19,13 @@ impl Point {
     /// After `n` segments in which the acceleration goes linearly to `a1`.
     #[inline(never)]
     pub fn after(self, n: u32, a1: i128) -> Option<Point> {
-        let dv = wide::times(self.a + a1, n)? >> 1;
-        let bend = wide::signed_div(wide::times(wide::times(2 * self.a + a1, n)?, n)?, 6);
-        let s = self.s.checked_add(wide::times(self.v, n)?)?.checked_add(bend)?;
-        let v = self.v + dv;
+        let mut s = wide::times(self.v, n)?;
+        let mut v = self.v;
+        if self.a != 0 || a1 != 0 {
+            v += wide::times(self.a + a1, n)? >> 1;
+            s = s.checked_add(wide::over_small(wide::times(wide::times(2 * self.a + a1, n)?, n)?, 6))?;
+        }
+        let s = self.s.checked_add(s)?;
         let sane = s.abs() < 1 << (BITS + 6) && v.abs() < 1 << (BITS + 3);
         sane.then_some(Point { s, v, a: a1 })
     }
@@ -88,7 +91,7 @@ impl Path {
             let crossing = (from.a < 0) != (a1 < 0) && from.a != 0 && a1 != 0;
             // Where the acceleration crosses zero the velocity has its extreme.
             let extreme = if crossing {
-                let own = Rates { j: wide::signed_div(jerk, i128::from(n.max(1))).max(1), ..*rates };
+                let own = Rates { j: wide::over_small(jerk, n.max(1)).max(1), ..*rates };
                 own.forced(from.a).map_or(i128::MAX, |dv| (from.v + dv).abs())
             } else {
                 from.v.abs()
@@ -97,21 +100,24 @@ impl Path {
         })
     }
 
-    /// The profile, ending exactly at `end` (Q60), mirrored if `sign` is −1.
-    pub fn finish(&self, start: i64, end: i64, end_velocity: i64, sign: i128) -> Option<Profile> {
+    /// The profile, ending exactly at `end` (Q60), mirrored if `sign` is −1. What is not one is left unfinished.
+    pub fn finish(&self, start: i64, end: i64, end_velocity: i64, sign: i128, profile: &mut Profile) -> Option<()> {
         let goal = (i128::from(end) - i128::from(start)) << FROM_Q60;
         if (sign * self.at.s - goal).abs() > 1 << (BITS - 57) {
             return None;
         }
-        let mut profile =
-            Profile { duration: self.time, last: end, end_position: end, end_velocity, ..Profile::default() };
         let mut time = 0;
-        for (phase, &(n, a1, from)) in profile.phases.iter_mut().zip(&self.phases).take(self.count) {
+        for (index, (phase, &(n, a1, from))) in profile.phases.iter_mut().zip(&self.phases).take(self.count).enumerate()
+        {
+            let to = self.phases.get(index + 1).filter(|_| index + 1 < self.count).map_or(&self.at, |next| &next.2);
             time += n;
-            *phase = cubic(n, time, start, sign, from, a1)?;
+            cubic(phase, n, start, sign, &from, a1, to.v)?;
+            phase.end = time;
         }
         profile.count = self.count as u8;
-        Some(profile)
+        (profile.duration, profile.last) = (self.time, end);
+        (profile.end_position, profile.end_velocity) = (end, end_velocity);
+        Some(())
     }
 
     /// The same path seen from the other side.
@@ -130,41 +136,54 @@ fn round(x: i128, bits: u32) -> i128 {
     (x + (1 << (bits - 1))) >> bits
 }
 
-/// `x * 2^up`, where it leaves room.
+/// What a coefficient must stay below: three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
+const STEEPEST: u64 = 10 << COEFFICIENT_BITS;
+
+/// `x * 2^up` as a coefficient, to nearest.
 #[inline(never)]
-fn fits(x: i128, up: u32) -> Option<i128> {
-    (x.unsigned_abs().leading_zeros() > up + 3).then(|| x << up)
+fn coefficient(x: i128, up: i32) -> Option<i64> {
+    let size = x.unsigned_abs();
+    let down = (BITS - COEFFICIENT_BITS) as i32 - up;
+    if size.leading_zeros() as i32 + down <= 64 {
+        return None;
+    }
+    let term = match down {
+        128.. => 0,
+        1.. => (((size >> (down - 1)) as u64) + 1) >> 1,
+        _ => (size << -down) as u64,
+    };
+    (term < STEEPEST).then_some(if x < 0 { -(term as i64) } else { term as i64 })
 }
 
-/// A coefficient: three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
+/// The coefficients of one phase to the velocity `v1`, refused where evaluation could leave an i64.
 #[inline(never)]
-fn narrow(x: i128) -> Option<i64> {
-    let term = round(x, BITS - COEFFICIENT_BITS);
-    (term.abs() < 10 << COEFFICIENT_BITS).then_some(term as i64)
-}
-
-/// The coefficients of one phase, refused where evaluation could leave an i64.
-#[inline(never)]
-pub(super) fn cubic(n: u32, end: u32, start: i64, sign: i128, from: Point, a1: i128) -> Option<Phase> {
+fn cubic(phase: &mut Phase, n: u32, start: i64, sign: i128, from: &Point, a1: i128, v1: i128) -> Option<()> {
     // At least 1: a shift by 32 has no meaning in u32.
-    let k = (32 - n.saturating_sub(1).leading_zeros()).max(1);
-    let narrow = |x: i128| narrow(sign * x);
-    let c1 = fits(from.v, k)?;
-    let c2 = fits(from.a, 2 * k)? / 2;
-    // Ten of the guard bits are enough below and leave room for 2^K above.
-    let steep = round(fits(a1 - from.a, 2 * k)?, 36);
-    let c3 = fits(wide::signed_div(fits(steep, k)?, 6 * i128::from(n.max(1))), 36)?;
-    let terms = [narrow(c1)?, narrow(c2)?, narrow(c3)?];
+    let k = (32 - n.saturating_sub(1).leading_zeros()).max(1) as i32;
+    let c1 = coefficient(from.v, k)?;
+    let c2 = coefficient(from.a, 2 * k - 1)?;
+    let rise = a1 - from.a;
+    let c3 = if rise == 0 {
+        0
+    } else {
+        // 96 bits over 34 at most are as fine as a coefficient
+        let up = rise.unsigned_abs().leading_zeros().saturating_sub(32);
+        let sixth = match n.checked_mul(6) {
+            Some(by) => wide::over_small(rise << up, by),
+            None => wide::over_small(wide::over_small(rise << up, n), 6),
+        };
+        coefficient(sixth, 3 * k - up as i32)?
+    };
     let c0 = i64::try_from(i128::from(start) + round(sign * from.s, FROM_Q60)).ok()?;
     // How far a phase can lead beyond its borders: not at all where it is monotone; by less than
     // v0·n where only the velocity changes its sign.
-    let drift = wide::times(from.v.abs(), n)?;
-    let bend = wide::times(wide::times(from.a.abs().max(a1.abs()), n)?, n)? / 2;
-    let near = if from.a.signum() * a1.signum() < 0 {
+    let swings = from.a.signum() * a1.signum() < 0;
+    let near = !swings && from.v.signum() * v1.signum() >= 0 || {
+        let drift = wide::times(from.v.abs(), n)?;
+        let bend = if swings { wide::times(wide::times(from.a.abs().max(a1.abs()), n)?, n)? / 2 } else { 0 };
         drift.checked_add(bend)? < ROOM
-    } else {
-        drift < ROOM || from.v.signum() * from.after(n, a1)?.v.signum() >= 0
     };
-    let inside = c0.abs() <= FARTHEST && near;
-    inside.then_some(Phase { end, shift: (32 - k) as u8, c: [c0, terms[0], terms[1], terms[2]] })
+    let turned = |c: i64| if sign < 0 { -c } else { c };
+    (phase.shift, phase.c) = ((32 - k) as u8, [c0, turned(c1), turned(c2), turned(c3)]);
+    (c0.abs() <= FARTHEST && near).then_some(())
 }

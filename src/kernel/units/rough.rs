@@ -58,22 +58,30 @@ impl Rough {
     }
 
     /// A number in 128 bits, not above it.
-    #[inline(never)]
     pub const fn wide_down(x: u128) -> Rough {
-        // the digits that are there: a shift of 128 bits is long
-        let (high, low) = ((x >> 64) as u64, x as u64);
-        if high >> 32 != 0 {
-            Rough::down(high, -64)
-        } else if high != 0 {
-            Rough::down(high << 32 | low >> 32, -32)
-        } else {
-            Rough::down(low, 0)
-        }
+        Rough::wide(x).0
     }
 
     /// A number in 128 bits, not below it.
     pub const fn wide_up(x: u128) -> Rough {
-        if x == 0 { Rough::ZERO } else { Rough::wide_down(x).next() }
+        let (below, exact) = Rough::wide(x);
+        if exact { below } else { below.next() }
+    }
+
+    /// Not above, and whether it is exact.
+    #[inline(never)]
+    const fn wide(x: u128) -> (Rough, bool) {
+        // the digits that are there: a shift of 128 bits is long
+        let (high, low) = ((x >> 64) as u64, x as u64);
+        let (first, bits, rest) = if high >> 32 != 0 {
+            (high, -64, low)
+        } else if high != 0 {
+            (high << 32 | low >> 32, -32, low << 32)
+        } else {
+            (low, 0, 0)
+        };
+        let (below, exact) = Rough::normal(first, bits);
+        (below, exact && rest == 0)
     }
 
     /// The next larger number.
@@ -157,24 +165,31 @@ impl Rough {
     /// The quotient, not above it; by zero it is infinite.
     #[inline(never)]
     pub const fn over_down(self, by: Rough) -> Rough {
-        if by.mantissa == 0 {
-            return Rough::INFINITE;
-        }
-        if self.mantissa == 0 {
-            return self;
-        }
-        let exponent = self.exponent - by.exponent - 32;
-        if self.mantissa < by.mantissa {
-            Rough { exponent, mantissa: two_by_one(self.mantissa, 0, by.mantissa).0 }
-        } else {
-            let (high, low) = (self.mantissa >> 1, self.mantissa << 31);
-            Rough { exponent: exponent + 1, mantissa: two_by_one(high, low, by.mantissa).0 }
-        }
+        self.quotient(by).0
     }
 
     /// The quotient, not below it; by zero it is infinite.
+    #[inline(never)]
     pub const fn over_up(self, by: Rough) -> Rough {
-        if self.mantissa == 0 { self } else { self.over_down(by).next() }
+        let (below, exact) = self.quotient(by);
+        if exact { below } else { below.next() }
+    }
+
+    /// Not above, and whether it is exact.
+    #[inline(always)]
+    const fn quotient(self, by: Rough) -> (Rough, bool) {
+        if by.mantissa == 0 {
+            return (Rough::INFINITE, true);
+        }
+        if self.mantissa == 0 {
+            return (self, true);
+        }
+        // the mantissa of the quotient has its top bit set
+        let up = (self.mantissa < by.mantissa) as u32;
+        let (high, low) = ((self.mantissa >> 1) << up, (self.mantissa & 1) << 31 << up);
+        let high = high | self.mantissa & up;
+        let (mantissa, rest) = two_by_one(high, low, by.mantissa);
+        (Rough { exponent: self.exponent - by.exponent - 31 - up as i32, mantissa }, rest == 0)
     }
 
     /// The smaller of this and of a quotient that is not above the exact one.
@@ -201,7 +216,8 @@ impl Rough {
 
     /// The square root, not below it.
     pub fn root_up(self) -> Rough {
-        if self.mantissa == 0 { self } else { self.root_down().next() }
+        let below = self.root_down();
+        if below.times_down(below) == self { below } else { below.next() }
     }
 
     /// The cube root, not above it, to 2^-19.

@@ -129,6 +129,28 @@ pub fn signed_div(dividend: i128, divisor: i128) -> i128 {
     signed_div_rem(dividend, divisor).0
 }
 
+/// Quotient by a small number, rounded towards zero. By zero: zero.
+#[inline(never)]
+pub fn over_small(dividend: i128, divisor: u32) -> i128 {
+    if divisor == 0 {
+        return 0;
+    }
+    let size = dividend.unsigned_abs();
+    // both to the left, until the divisor's top bit is set
+    let up = divisor.leading_zeros();
+    let by = divisor << up;
+    let digits = [(size >> 96) as u32, (size >> 64) as u32, (size >> 32) as u32, size as u32, 0];
+    let mut rest = (digits[0] >> 1) >> (31 - up);
+    let mut quotient = 0;
+    for pair in digits.windows(2) {
+        let next = pair[0] << up | (pair[1] >> 1) >> (31 - up);
+        let digit;
+        (digit, rest) = if rest == 0 && next < by { (0, next) } else { two_by_one(rest, next, by) };
+        quotient = quotient << 32 | u128::from(digit);
+    }
+    if dividend < 0 { (quotient as i128).wrapping_neg() } else { quotient as i128 }
+}
+
 /// Signed quotient, rounded upwards; the divisor is positive.
 #[inline(never)]
 pub fn signed_div_up(dividend: i128, divisor: i128) -> i128 {
@@ -315,6 +337,8 @@ mod tests {
             if d != -1 {
                 assert_eq!(signed_div_rem(n, d), (n / d, n % d), "{n} / {d}");
                 assert_eq!(signed_div(n, d), n / d);
+                let small = (d as u32).max(1);
+                assert_eq!(over_small(n, small), n / i128::from(small), "{n} / {small}");
             }
             if d > 0 {
                 assert_eq!(signed_div_up(n, d), n / d + i128::from(n % d > 0));

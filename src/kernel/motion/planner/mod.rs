@@ -439,7 +439,8 @@ fn straight(from: FinePose, to: FinePose) -> Path {
 /// From rest to rest over a whole path.
 fn go_along(capability: &Capability, grant: &Grant) -> Option<Profile> {
     let limits = with_speed(grant, PATH_ONE, capability.override_percent);
-    position_profile(State::rest(0), PATH_ONE, limits)
+    let mut profile = Profile::default();
+    position_profile(State::rest(0), PATH_ONE, limits, &mut profile).map(|()| profile)
 }
 
 fn unplannable() -> Error {
