@@ -38,6 +38,11 @@ pub struct Path {
 }
 
 impl Path {
+    /// True when it is a single pose.
+    pub fn goes_nowhere(&self) -> bool {
+        self.direction.iter().all(|d| *d == 0)
+    }
+
     fn at(&self, s: i64) -> FinePose {
         let mut pose = self.origin;
         for (u, d) in pose.0.iter_mut().zip(&self.direction) {
@@ -105,31 +110,38 @@ impl Bounds {
     /// Bounds along a path, while nothing else turns.
     pub fn along(law: &Law, path: &Path) -> Self {
         let mut bounds = Bounds::default();
+        bounds.survey(law, path);
+        bounds
+    }
+
+    /// The same, over bounds of other stretches in the same direction: without a copy.
+    #[inline(never)]
+    pub fn survey(&mut self, law: &Law, path: &Path) {
         let turning: u64 = path.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + u64::from(*d != 0)).sum();
-        bounds.turning = turning + turning / 32;
+        self.range.steps = 0;
+        self.turning = turning + turning / 32;
         let turns = turning != 0;
-        for (i, per_unit) in bounds.per_unit.iter_mut().enumerate() {
+        for (i, per_unit) in self.per_unit.iter_mut().enumerate() {
             *per_unit = Rough::ONE.over_up(Rough::down(law.step_q32(i).max(1), 32));
         }
         if turns {
-            bounds.bend(law);
+            self.bend(law);
         }
         let length = path.to.abs_diff(path.from);
         // a milliradian bends the slope by less than a thousandth: samples would only add their rounding
         let bends = Rough::up(turning, 0).times_up(Rough::up(length, 60)) > Rough::down(1_000_000, 0);
         let (count, each) =
             if bends { (MOST_STRETCHES, (path.to - path.from) / SAMPLES) } else { (1, path.to - path.from) };
-        bounds.stretch = Rough::up(each.unsigned_abs().max(1), 60);
-        bounds.per_stretch = Rough::ONE.over_up(Rough::down(each.unsigned_abs().max(1), 60));
-        bounds.look(law, path, count, each);
-        bounds.stretches = if count > 1 { count } else { 0 };
+        self.stretch = Rough::up(each.unsigned_abs().max(1), 60);
+        self.per_stretch = Rough::ONE.over_up(Rough::down(each.unsigned_abs().max(1), 60));
+        self.look(law, path, count, each);
+        self.stretches = if count > 1 { count } else { 0 };
         for i in 0..AXES {
-            bounds.follow(i, count, turns);
+            self.follow(i, count, turns);
         }
         if !turns {
-            bounds.run_straight(law, path);
+            self.run_straight(law, path);
         }
-        bounds
     }
 
     /// Curvature and third derivative by what a turn can do at most.

@@ -156,17 +156,17 @@ fn limit(rate: Rough) -> (i64, Rough) {
 }
 
 impl Grant {
-    /// The fastest limits of a path whose motors stay within `available` and whose logical axes within `wanted`
+    /// Becomes the fastest limits of a path whose motors stay within `available` and whose logical axes within `wanted`
     /// (nm and nrad per segment^k), along `direction` (nm or nrad per path unit, Q32).
     pub fn within(
+        &mut self,
         bounds: &Bounds,
         available: &[Rates; AXES],
         wanted: &[Rates; AXES],
         direction: &[i64; AXES],
         others: Turning,
         crossed: &dyn Fn(usize, u128) -> u64,
-    ) -> Self {
-        let mut grant = Grant::default();
+    ) {
         let mut left = [Least::default(); AXES];
         let (mut velocity, mut square, mut cube) = (Rough::ONE, Rough::ONE, Rough::ONE);
         let (mut acceleration, mut jerk) = (Rough::ONE, Rough::ONE);
@@ -184,12 +184,13 @@ impl Grant {
         }
         velocity = velocity.min(square.root_down()).min(cube.cube_root_down());
         let (whole, velocity) = limit(not_too_steep(velocity, bounds, &left));
-        grant.limits.velocity = whole;
-        grant.turning.velocity = turning(bounds, velocity);
+        self.limits.velocity = whole;
+        (self.swing, self.bent) = (0, 0);
+        self.turning.velocity = turning(bounds, velocity);
         let square = velocity.times_up(velocity);
-        let alone = others.velocity == 0 || grant.turning.velocity == 0;
+        let alone = others.velocity == 0 || self.turning.velocity == 0;
         // two rotations at once: 2 r w1 w2 of acceleration on every linear motor, less on rotary ones
-        let crossed_a = 2 * u128::from(grant.turning.velocity) * u128::from(others.velocity);
+        let crossed_a = 2 * u128::from(self.turning.velocity) * u128::from(others.velocity);
         for (i, left) in left.iter().enumerate() {
             let own = bounds.curvature[i].times_up(square);
             let mut bends = own.min(left.acceleration.shifted(-1));
@@ -198,19 +199,19 @@ impl Grant {
                 let crossed = Rough::up(crossed(i, crossed_a), RATE_BITS as i32);
                 (bends, uses) = (bends.plus_up(crossed), uses.plus_up(crossed));
             }
-            grant.uses[i].acceleration = uses.ceil(RATE_BITS as i32);
+            self.uses[i].acceleration = uses.ceil(RATE_BITS as i32);
             acceleration = acceleration.least(left.acceleration.minus_down(bends), bounds.slope[i]);
             // 3 m'' v a at most a quarter of the jerk
             let per = bounds.curvature[i].times_up(velocity).times_up(TWELVE);
             acceleration = acceleration.least(left.jerk, per);
         }
         let (whole, acceleration) = limit(acceleration);
-        grant.limits.acceleration = whole;
-        grant.turning.acceleration = turning(bounds, acceleration);
+        self.limits.acceleration = whole;
+        self.turning.acceleration = turning(bounds, acceleration);
         // 3 r (w1 a2 + a1 w2); the term 3 r w1 w2 (w1 + w2) is below a thousandth of it and covered by the quarter in `bent`
         let crossed_j = 3
-            * (u128::from(grant.turning.velocity) * u128::from(others.acceleration)
-                + u128::from(grant.turning.acceleration) * u128::from(others.velocity));
+            * (u128::from(self.turning.velocity) * u128::from(others.acceleration)
+                + u128::from(self.turning.acceleration) * u128::from(others.velocity));
         let cube = velocity.times_up(square);
         let mixed = velocity.times_up(acceleration).times_up(THREE);
         for (i, left) in left.iter().enumerate() {
@@ -218,20 +219,19 @@ impl Grant {
             if !alone {
                 bends = bends.plus_up(Rough::up(crossed(i, crossed_j), RATE_BITS as i32));
             }
-            grant.uses[i].jerk = bends.ceil(RATE_BITS as i32);
+            self.uses[i].jerk = bends.ceil(RATE_BITS as i32);
             jerk = jerk.least(left.jerk.minus_down(bends), bounds.slope[i]);
         }
         let (whole, jerk) = limit(jerk);
-        grant.limits.jerk = whole;
-        grant.turning.jerk = turning(bounds, jerk);
-        for (i, uses) in grant.uses.iter_mut().enumerate() {
+        self.limits.jerk = whole;
+        self.turning.jerk = turning(bounds, jerk);
+        for (i, uses) in self.uses.iter_mut().enumerate() {
             let along = |rate| bounds.slope[i].times_up(rate).ceil(RATE_BITS as i32);
             // where the path is steeper than the velocity allows it is slower, see `not_too_steep`
             uses.velocity = along(velocity).min(available[i].velocity);
             uses.acceleration = uses.acceleration.saturating_add(along(acceleration));
             uses.jerk = uses.jerk.saturating_add(along(jerk));
         }
-        grant
     }
 }
 

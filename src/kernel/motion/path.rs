@@ -45,8 +45,10 @@ impl Point {
 /// Phases under construction, in a frame that may be mirrored.
 #[derive(Clone, Copy)]
 pub(super) struct Path {
-    /// Acceleration at the end, segments, and the state at the start of each phase.
-    phases: [(u32, i128, Point); MAX_PHASES],
+    /// Segments of each phase.
+    lengths: [u32; MAX_PHASES],
+    /// The state at the start of each phase.
+    starts: [Point; MAX_PHASES],
     count: usize,
     /// The state reached.
     pub at: Point,
@@ -57,14 +59,15 @@ pub(super) struct Path {
 impl Path {
     #[inline(never)]
     pub fn new(at: Point) -> Path {
-        Path { phases: [(0, 0, Point::default()); MAX_PHASES], count: 0, at, time: 0 }
+        Path { lengths: [0; MAX_PHASES], starts: [Point::default(); MAX_PHASES], count: 0, at, time: 0 }
     }
 
     /// Goes to the acceleration `a1` in `n` segments.
     #[inline(never)]
     pub fn push(&mut self, n: u32, a1: i128) -> Option<()> {
         if n > 0 {
-            *self.phases.get_mut(self.count)? = (n, a1, self.at);
+            *self.lengths.get_mut(self.count)? = n;
+            *self.starts.get_mut(self.count)? = self.at;
             self.at = self.at.after(n, a1)?;
             self.count += 1;
             self.time = segments(i128::from(self.time) + i128::from(n))?;
@@ -84,9 +87,17 @@ impl Path {
         Some(())
     }
 
+    /// Segments, first and last state of each phase.
+    fn phases(&self) -> impl Iterator<Item = (u32, &Point, &Point)> {
+        let starts = self.starts.get(..self.count).unwrap_or_default();
+        let ends = starts.iter().skip(1).chain([&self.at]);
+        self.lengths.iter().zip(starts).zip(ends).map(|((n, from), to)| (*n, from, to))
+    }
+
     /// Whether every phase keeps the limits; `v_most` and `a_most` are those of this plan.
     pub fn keeps(&self, rates: &Rates, v_most: i128, a_most: i128) -> bool {
-        self.phases.iter().take(self.count).all(|&(n, a1, from)| {
+        self.phases().all(|(n, from, to)| {
+            let a1 = to.a;
             let jerk = (a1 - from.a).abs();
             let crossing = (from.a < 0) != (a1 < 0) && from.a != 0 && a1 != 0;
             // Where the acceleration crosses zero the velocity has its extreme.
@@ -107,11 +118,9 @@ impl Path {
             return None;
         }
         let mut time = 0;
-        for (index, (phase, &(n, a1, from))) in profile.phases.iter_mut().zip(&self.phases).take(self.count).enumerate()
-        {
-            let to = self.phases.get(index + 1).filter(|_| index + 1 < self.count).map_or(&self.at, |next| &next.2);
+        for (phase, (n, from, to)) in profile.phases.iter_mut().zip(self.phases()) {
             time += n;
-            cubic(phase, n, start, sign, &from, a1, to.v)?;
+            cubic(phase, n, start, sign, from, to)?;
             phase.end = time;
         }
         profile.count = self.count as u8;
@@ -123,8 +132,8 @@ impl Path {
     /// The same path seen from the other side.
     pub fn mirrored(mut self) -> Path {
         let flip = |at: Point| Point { s: -at.s, v: -at.v, a: -at.a };
-        for phase in &mut self.phases {
-            *phase = (phase.0, -phase.1, flip(phase.2));
+        for start in &mut self.starts {
+            *start = flip(*start);
         }
         self.at = flip(self.at);
         self
@@ -155,14 +164,14 @@ fn coefficient(x: i128, up: i32) -> Option<i64> {
     (term < STEEPEST).then_some(if x < 0 { -(term as i64) } else { term as i64 })
 }
 
-/// The coefficients of one phase to the velocity `v1`, refused where evaluation could leave an i64.
+/// The coefficients of one phase, refused where evaluation could leave an i64.
 #[inline(never)]
-fn cubic(phase: &mut Phase, n: u32, start: i64, sign: i128, from: &Point, a1: i128, v1: i128) -> Option<()> {
+fn cubic(phase: &mut Phase, n: u32, start: i64, sign: i128, from: &Point, to: &Point) -> Option<()> {
     // At least 1: a shift by 32 has no meaning in u32.
     let k = (32 - n.saturating_sub(1).leading_zeros()).max(1) as i32;
     let c1 = coefficient(from.v, k)?;
     let c2 = coefficient(from.a, 2 * k - 1)?;
-    let rise = a1 - from.a;
+    let rise = to.a - from.a;
     let c3 = if rise == 0 {
         0
     } else {
@@ -177,10 +186,10 @@ fn cubic(phase: &mut Phase, n: u32, start: i64, sign: i128, from: &Point, a1: i1
     let c0 = i64::try_from(i128::from(start) + round(sign * from.s, FROM_Q60)).ok()?;
     // How far a phase can lead beyond its borders: not at all where it is monotone; by less than
     // v0·n where only the velocity changes its sign.
-    let swings = from.a.signum() * a1.signum() < 0;
-    let near = !swings && from.v.signum() * v1.signum() >= 0 || {
+    let swings = from.a.signum() * to.a.signum() < 0;
+    let near = !swings && from.v.signum() * to.v.signum() >= 0 || {
         let drift = wide::times(from.v.abs(), n)?;
-        let bend = if swings { wide::times(wide::times(from.a.abs().max(a1.abs()), n)?, n)? / 2 } else { 0 };
+        let bend = if swings { wide::times(wide::times(from.a.abs().max(to.a.abs()), n)?, n)? / 2 } else { 0 };
         drift.checked_add(bend)? < ROOM
     };
     let turned = |c: i64| if sign < 0 { -c } else { c };

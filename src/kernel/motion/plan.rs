@@ -48,7 +48,8 @@ fn start(state: State) -> Option<Point> {
     ok.then_some(Point { s: 0, v: state.velocity << FROM_Q90, a: state.acceleration << FROM_Q90 })
 }
 
-fn velocity_profile(state: State, v1: i64, limits: Limits, profile: &mut Profile) -> Option<()> {
+/// [`to_velocity`], written over another profile: without a copy.
+pub(super) fn velocity_profile(state: State, v1: i64, limits: Limits, profile: &mut Profile) -> Option<()> {
     let from = start(state)?;
     let rates = Rates::of(limits)?.usable(from);
     let v1 = v1.clamp(-limits.velocity, limits.velocity);

@@ -25,8 +25,21 @@ pub(super) struct Asking<'a> {
     pub single: bool,
     /// The motion begins at the upper end of the way.
     pub starts_high: bool,
-    /// As if nothing else ran.
-    pub alone: bool,
+}
+
+/// What a path from rest to rest may use while nothing else runs.
+///
+/// # Errors
+/// A limit that the path breaks.
+pub(super) fn alone(capability: &Capability, path: &Path, grant: &mut Grant) -> Result<(), Error> {
+    let Capability { law, motors, wanted, limits, .. } = capability;
+    let mut bounds = Bounds::default();
+    bounds.survey(law, path);
+    limits.check_motors(law, &bounds.range, false)?;
+    bounds.rests = true;
+    grant.within(&bounds, motors, wanted, &path.direction, Turning::default(), &|_, _| 0);
+    grant.swing = bounds.swing(path);
+    Ok(())
 }
 
 /// What the running tracks leave.
@@ -46,18 +59,17 @@ impl Planner {
     /// A limit that the path breaks by itself.
     pub(super) fn grant(&self, capability: &Capability, asking: &Asking<'_>) -> Result<Option<Grant>, Error> {
         let Capability { law, motors, wanted, limits, .. } = capability;
-        let mut bounds = Bounds::along(law, asking.path);
+        let mut bounds = Bounds::default();
+        bounds.survey(law, asking.path);
         limits.check_motors(law, &bounds.range, asking.starts_high)?;
-        if !asking.alone && !self.is_clear(capability, asking, &bounds) {
+        if !self.is_clear(capability, asking, &bounds) {
             return Ok(None);
         }
         let swing = bounds.swing(asking.path);
         let mut left = Left { motors: *motors, others: Turning::default(), remaining: 0 };
-        if !asking.alone {
-            self.left(capability, asking.slot, asking.segment, swing, &mut left);
-        }
+        self.left(capability, asking.slot, asking.segment, swing, &mut left);
         if let Some(region) = asking.region {
-            bounds = Bounds::along(law, region);
+            bounds.survey(law, region);
         }
         bounds.bend_by(law, left.remaining);
         bounds.rests = !asking.single && asking.path.from == 0 && asking.path.to == PATH_ONE;
@@ -66,11 +78,13 @@ impl Planner {
             left.motors.iter_mut().for_each(|m| *m = m.share(SINGLE_SHARE_1024));
         }
         let direction = &asking.path.direction;
-        let mut grant = Grant::within(&bounds, &left.motors, wanted, direction, left.others, &crossed);
+        let mut grant = Grant::default();
+        grant.within(&bounds, &left.motors, wanted, direction, left.others, &crossed);
         grant.swing = swing;
-        if !asking.alone && self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
+        if self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
             let alone = if asking.single { motors.map(|m| m.share(SINGLE_SHARE_1024)) } else { *motors };
-            let best = Grant::within(&bounds, &alone, wanted, direction, Turning::default(), &crossed);
+            let mut best = Grant::default();
+            best.within(&bounds, &alone, wanted, direction, Turning::default(), &crossed);
             let (a, b) = (grant.limits, best.limits);
             let enough = |have: i64, want: i64| have >= want / WAIT_BELOW && have > 1;
             if !(enough(a.velocity, b.velocity) && enough(a.acceleration, b.acceleration) && enough(a.jerk, b.jerk)) {
@@ -157,8 +171,7 @@ impl Planner {
     /// A new track turns: what the others do is bent by so much more from now on.
     pub(super) fn bend_others(&mut self, capability: &Capability, own: usize, swing: u64) {
         for (i, slot) in self.slots.iter_mut().enumerate() {
-            let flight = slot.flight.as_mut().map(|f| &mut f.active);
-            for active in [slot.active.as_mut(), flight].into_iter().flatten().filter(|_| i != own) {
+            for active in slot.each_mut().filter(|_| i != own) {
                 let more = swing.min(ONE_RADIAN - active.grant.bent);
                 active.grant.bent += more;
                 let bend = bend(capability, active.grant.turning, more);
