@@ -19,7 +19,7 @@ pub const PATH_ONE: i64 = 1 << 60;
 /// Samples of the law along a path that turns.
 const SAMPLES: i64 = 8;
 /// Stretches between the samples, at most.
-const MOST_STRETCHES: usize = SAMPLES as usize;
+pub const MOST_STRETCHES: usize = SAMPLES as usize;
 
 /// Radians of a nanoradian.
 const NANO: Rough = Rough::ONE.over_up(Rough::down(1_000_000_000, 0));
@@ -76,8 +76,8 @@ pub struct Bounds {
     stretch: Rough,
     /// Its inverse.
     per_stretch: Rough,
-    /// Rounding of the law, steps: units in the last place where it is straight, a sixteenth nm or nrad where it turns.
-    noise: [Rough; AXES],
+    /// What the slope within a stretch may be more than its way is long: for the rounding of the law, and its bend.
+    more: [Rough; AXES],
     /// Steps per nm or nrad.
     per_unit: [Rough; AXES],
     /// The path begins and ends at rest at 0 and 1, and is never left beyond them.
@@ -151,10 +151,11 @@ impl Bounds {
         let third = turned(lever, angle);
         // q'' = second * angle^2 in radians
         let second = turned(Rough::up(law.second_order_bound(), 32).times_up(angle), angle);
+        let (lever, third) = (and_a_quarter(lever), and_a_quarter(third));
         for (i, per_unit) in self.per_unit.iter().enumerate() {
             if i < 3 {
-                self.curvature[i] = and_a_quarter(lever).times_up(*per_unit);
-                self.third[i] = and_a_quarter(third).times_up(*per_unit);
+                self.curvature[i] = lever.times_up(*per_unit);
+                self.third[i] = third.times_up(*per_unit);
             } else {
                 self.curvature[i] = second.times_up(*per_unit);
             }
@@ -183,33 +184,36 @@ impl Bounds {
     /// Range, curvature and slope of a motor by what its samples show.
     fn follow(&mut self, i: usize, count: usize, turns: bool) {
         let samples = self.samples.get(..=count).unwrap_or_default();
-        let (mut last, mut before) = (samples.first().map_or(0, |first| first[i]), None);
-        let (mut shortest, mut longest, mut bent, mut back) = (u64::MAX, 0, 0, 0);
-        for sample in samples.get(1..).unwrap_or_default() {
+        let [first, rest @ ..] = samples else { return };
+        let (mut last, mut before) = (first[i], 0);
+        let (mut lowest, mut highest, mut bent) = (i64::MAX, i64::MIN, 0);
+        for sample in rest {
             let way = sample[i].wrapping_sub(last);
-            last = sample[i];
-            let length = way.unsigned_abs();
-            shortest = shortest.min(length);
-            longest = longest.max(length);
-            if let Some(before) = before {
+            if lowest <= highest {
                 bent = way.abs_diff(before).max(bent);
-                back |= way ^ before;
             }
-            before = Some(way);
+            lowest = lowest.min(way);
+            highest = highest.max(way);
+            (last, before) = (sample[i], way);
         }
+        let (shortest, longest) = {
+            let (one, other) = (lowest.unsigned_abs(), highest.unsigned_abs());
+            if one < other { (one, other) } else { (other, one) }
+        };
         let mut bulge = 0;
         if turns {
             if count > 1 {
                 self.straighten(i, bent);
             }
-            self.noise[i] = self.per_unit[i].shifted(-4);
             let bend = self.curvature[i].times_up(self.stretch).shifted(-1);
+            // the law is rounded to a sixteenth nm or nrad
+            self.more[i] = self.per_unit[i].shifted(-4).times_up(self.per_stretch).plus_up(bend);
             // half the curvature times the square of a stretch, Q32 steps
             bulge = bend.times_up(self.stretch).ceil(32);
             self.slope[i] = self.steepest(longest, i);
         }
         // where no stretch turns back its ends are its extremes
-        let one_way = back >= 0 && (shortest / 2 > bulge || !turns);
+        let one_way = lowest ^ highest >= 0 && (shortest / 2 > bulge || !turns);
         let (low, high) = if one_way { self.between_ends(i) } else { self.between_samples(i, count, bulge) };
         (self.range.lowest[i], self.range.highest[i]) = (low, high);
         self.range.steps |= u8::from(low >> 32 != high >> 32) << i;
@@ -256,8 +260,7 @@ impl Bounds {
     /// |m'| within a stretch over which a motor goes by `way` (Q32 steps).
     #[inline(never)]
     fn steepest(&self, way: u64, i: usize) -> Rough {
-        let mean = Rough::up(way, 32).plus_up(self.noise[i]).times_up(self.per_stretch);
-        mean.plus_up(self.curvature[i].times_up(self.stretch).shifted(-1))
+        Rough::up(way, 32).times_up(self.per_stretch).plus_up(self.more[i])
     }
 
     /// |m'| of a motor, steps per path unit, within the [`Bounds::stretches`] of which the farther ends are as many

@@ -3,7 +3,7 @@
 //! Every running track holds a share of every motor; a new one gets what is left and is never given more.
 //! A fixed part of each motor's limits is kept for taking up play.
 
-use super::bounds::Bounds;
+use super::bounds::{Bounds, MOST_STRETCHES};
 use super::ramp::Limits;
 use crate::units::rough::Rough;
 use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND, wide};
@@ -251,21 +251,28 @@ fn not_too_steep(most: Rough, bounds: &Bounds, lefts: &[Least; AXES]) -> Rough {
             velocity = anywhere;
             continue;
         }
-        // never less than the acceleration that will be granted
-        let most = reached.get_or_insert_with(|| {
-            let least = |most: Rough, (i, left): (usize, &Least)| most.least(left.acceleration, bounds.slope[i]);
-            lefts.iter().enumerate().fold(Rough::ONE, least)
-        });
-        for distance in 1..=bounds.stretches / 2 {
+        let reached = reached.get_or_insert_with(|| velocities_reached(bounds, lefts));
+        for (distance, reached) in (1..=bounds.stretches / 2).zip(reached.iter()) {
             let slope = bounds.slope_at(distance, i);
-            let reached = most.times_up(bounds.distance(distance)).shifted(1).min(Rough::ONE);
-            // compared by their squares
-            if slope.times_up(slope).times_up(reached) > left.velocity.times_down(left.velocity) {
-                velocity = velocity.least(left.velocity, slope);
+            let lower = velocity.least(left.velocity, slope);
+            if lower < velocity && slope.times_up(*reached) > left.velocity {
+                velocity = lower;
             }
         }
     }
     velocity
+}
+
+/// The highest path velocity in the stretches at each distance from the ends of a path from rest to rest.
+fn velocities_reached(bounds: &Bounds, lefts: &[Least; AXES]) -> [Rough; MOST_STRETCHES / 2] {
+    // never less than the acceleration that will be granted
+    let least = |most: Rough, (i, left): (usize, &Least)| most.least(left.acceleration, bounds.slope[i]);
+    let most = lefts.iter().enumerate().fold(Rough::ONE, least).shifted(1);
+    let mut reached = [Rough::ONE; MOST_STRETCHES / 2];
+    for (distance, reached) in (1..).zip(&mut reached) {
+        *reached = most.times_up(bounds.distance(distance)).root_up();
+    }
+    reached
 }
 
 /// nrad per path unit times a path rate: nrad in Q20, rounded up.

@@ -23,7 +23,7 @@ impl Point {
         let mut v = self.v;
         if self.a != 0 || a1 != 0 {
             v += wide::times(self.a + a1, n)? >> 1;
-            s = s.checked_add(wide::over_small(wide::times(wide::times(2 * self.a + a1, n)?, n)?, 6))?;
+            s = s.checked_add(wide::sixth(wide::times(wide::times(2 * self.a + a1, n)?, n)?))?;
         }
         let s = self.s.checked_add(s)?;
         let sane = s.abs() < 1 << (BITS + 6) && v.abs() < 1 << (BITS + 3);
@@ -99,7 +99,7 @@ impl Path {
         self.phases().all(|(n, from, to)| {
             let a1 = to.a;
             let jerk = (a1 - from.a).abs();
-            let crossing = (from.a < 0) != (a1 < 0) && from.a != 0 && a1 != 0;
+            let crossing = turns_round(from.a, a1);
             // Where the acceleration crosses zero the velocity has its extreme.
             let extreme = if crossing {
                 let own = Rates { j: wide::over_small(jerk, n.max(1)).max(1), ..*rates };
@@ -145,6 +145,11 @@ fn round(x: i128, bits: u32) -> i128 {
     (x + (1 << (bits - 1))) >> bits
 }
 
+/// Whether one is above zero and the other below.
+fn turns_round(a: i128, b: i128) -> bool {
+    (a ^ b) < 0 && a != 0 && b != 0
+}
+
 /// What a coefficient must stay below: three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
 const STEEPEST: u64 = 10 << COEFFICIENT_BITS;
 
@@ -179,15 +184,16 @@ fn cubic(phase: &mut Phase, n: u32, start: i64, sign: i128, from: &Point, to: &P
         let up = rise.unsigned_abs().leading_zeros().saturating_sub(32);
         let sixth = match n.checked_mul(6) {
             Some(by) => wide::over_small(rise << up, by),
-            None => wide::over_small(wide::over_small(rise << up, n), 6),
+            None => wide::sixth(wide::over_small(rise << up, n)),
         };
         coefficient(sixth, 3 * k - up as i32)?
     };
-    let c0 = i64::try_from(i128::from(start) + round(sign * from.s, FROM_Q60)).ok()?;
+    let turned = |x: i128| if sign < 0 { -x } else { x };
+    let c0 = i64::try_from(i128::from(start) + round(turned(from.s), FROM_Q60)).ok()?;
     // How far a phase can lead beyond its borders: not at all where it is monotone; by less than
     // v0·n where only the velocity changes its sign.
-    let swings = from.a.signum() * to.a.signum() < 0;
-    let near = !swings && from.v.signum() * to.v.signum() >= 0 || {
+    let swings = turns_round(from.a, to.a);
+    let near = !swings && !turns_round(from.v, to.v) || {
         let drift = wide::times(from.v.abs(), n)?;
         let bend = if swings { wide::times(wide::times(from.a.abs().max(to.a.abs()), n)?, n)? / 2 } else { 0 };
         drift.checked_add(bend)? < ROOM

@@ -104,30 +104,24 @@ impl Rough {
         self.mantissa == 0
     }
 
-    /// The product, not below it.
+    /// The product, not below it; by a power of two it is exact.
     #[inline(never)]
     pub const fn times_up(self, by: Rough) -> Rough {
-        let (below, exact) = self.product(by);
-        if exact { below } else { below.next() }
+        let below = self.times_down(by);
+        if by.mantissa << 1 == 0 || below.mantissa == 0 { below } else { below.next() }
     }
 
     /// The product, not above it.
-    pub const fn times_down(self, by: Rough) -> Rough {
-        self.product(by).0
-    }
-
-    /// Not above, and whether it is exact.
     #[inline(always)]
-    const fn product(self, by: Rough) -> (Rough, bool) {
-        if self.mantissa == 0 || by.mantissa == 0 {
-            return (Rough::ZERO, true);
-        }
+    pub const fn times_down(self, by: Rough) -> Rough {
         let product = self.mantissa as u64 * by.mantissa as u64;
-        let exponent = self.exponent + by.exponent + 32;
-        if product >> 63 != 0 {
-            (Rough { exponent, mantissa: (product >> 32) as u32 }, product as u32 == 0)
+        let (exponent, high) = (self.exponent + by.exponent + 32, (product >> 32) as u32);
+        if high >> 31 != 0 {
+            Rough { exponent, mantissa: high }
+        } else if high != 0 {
+            Rough { exponent: exponent - 1, mantissa: high << 1 | (product as u32) >> 31 }
         } else {
-            (Rough { exponent: exponent - 1, mantissa: (product >> 31) as u32 }, product as u32 & 0x7fff_ffff == 0)
+            Rough::ZERO
         }
     }
 
@@ -194,12 +188,15 @@ impl Rough {
 
     /// The smaller of this and of a quotient that is not above the exact one.
     #[inline(never)]
-    pub fn least(self, dividend: Rough, divisor: Rough) -> Rough {
-        // most quotients are larger than the smallest one: their exponents say so
-        if dividend.exponent - divisor.exponent - 32 > self.exponent {
-            return self;
-        }
-        self.min(dividend.over_down(divisor))
+    pub const fn least(self, dividend: Rough, divisor: Rough) -> Rough {
+        // most quotients are larger than the smallest one: a product says so for less than a division
+        let up = dividend.exponent - divisor.exponent - self.exponent;
+        let larger = match up {
+            33.. => true,
+            31..=32 => (dividend.mantissa as u64) << up >= self.mantissa as u64 * divisor.mantissa as u64,
+            _ => false,
+        };
+        if larger { self } else { dividend.quotient(divisor).0 }
     }
 
     /// The square root, not above it.

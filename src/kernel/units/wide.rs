@@ -151,6 +151,23 @@ pub fn over_small(dividend: i128, divisor: u32) -> i128 {
     if dividend < 0 { (quotient as i128).wrapping_neg() } else { quotient as i128 }
 }
 
+/// A sixth, rounded towards zero.
+#[inline(never)]
+pub fn sixth(x: i128) -> i128 {
+    let size = x.unsigned_abs();
+    let mut sixth = 0;
+    let mut rest = 0;
+    for digit in [(size >> 96) as u32, (size >> 64) as u32, (size >> 32) as u32, size as u32] {
+        // 2^32 is four more than 6 * 0x2aaa_aaaa
+        let low = u64::from(digit) + u64::from(4 * rest);
+        let part = if low >> 32 == 0 { low as u32 / 6 } else { ((low >> 1) as u32) / 3 };
+        let digit = rest * 0x2aaa_aaaa + part;
+        rest = (low as u32).wrapping_sub(part.wrapping_mul(6));
+        sixth = sixth << 32 | u128::from(digit);
+    }
+    if x < 0 { (sixth as i128).wrapping_neg() } else { sixth as i128 }
+}
+
 /// Signed quotient, rounded upwards; the divisor is positive.
 #[inline(never)]
 pub fn signed_div_up(dividend: i128, divisor: i128) -> i128 {
@@ -337,6 +354,7 @@ mod tests {
             if d != -1 {
                 assert_eq!(signed_div_rem(n, d), (n / d, n % d), "{n} / {d}");
                 assert_eq!(signed_div(n, d), n / d);
+                assert_eq!(sixth(n), n / 6, "{n} / 6");
                 let small = (d as u32).max(1);
                 assert_eq!(over_small(n, small), n / i128::from(small), "{n} / {small}");
             }
