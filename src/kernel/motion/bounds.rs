@@ -73,7 +73,7 @@ pub struct Bounds {
     /// Stretches whose slopes can be told one by one: of a path that turns, while nothing else does.
     pub stretches: usize,
     /// Length of a stretch, path units.
-    stretch: Rough,
+    pub stretch: Rough,
     /// Its inverse.
     per_stretch: Rough,
     /// What the slope within a stretch may be more than its way is long: for the rounding of the law, and its bend.
@@ -271,11 +271,6 @@ impl Bounds {
             _ => 0,
         };
         self.steepest(way(distance - 1).max(way(self.stretches - distance)), i)
-    }
-
-    /// Path units in so many stretches.
-    pub fn distance(&self, stretches: usize) -> Rough {
-        self.stretch.times_up(Rough::down(stretches as u64, 0))
     }
 
     /// From now on the bounds while other tracks may turn by `others` nrad, which bends the path.

@@ -268,12 +268,13 @@ fn velocities_reached(bounds: &Bounds, lefts: &[Least; AXES]) -> [Rough; MOST_ST
     // never less than the acceleration that will be granted
     let least = |most: Rough, (i, left): (usize, &Least)| most.least(left.acceleration, bounds.slope[i]);
     let most = lefts.iter().enumerate().fold(Rough::ONE, least).shifted(1);
-    let mut reached = [Rough::ONE; MOST_STRETCHES / 2];
-    for (distance, reached) in (1..).zip(&mut reached) {
-        *reached = most.times_up(bounds.distance(distance)).root_up();
-    }
-    reached
+    let first = most.times_up(bounds.stretch).root_up();
+    ROOTS.map(|root| first.times_up(root))
 }
+
+/// The roots of 1 to 4, not below them.
+const ROOTS: [Rough; MOST_STRETCHES / 2] =
+    [Rough::ONE, Rough::up(1_518_500_250, 30), Rough::up(1_859_775_394, 30), Rough::up(2, 0)];
 
 /// nrad per path unit times a path rate: nrad in Q20, rounded up.
 fn turning(bounds: &Bounds, rate: Rough) -> u64 {

@@ -21,7 +21,13 @@ impl Point {
     pub fn after(self, n: u32, a1: i128) -> Option<Point> {
         let mut s = wide::times(self.v, n)?;
         let mut v = self.v;
-        if self.a != 0 || a1 != 0 {
+        if self.a == a1 {
+            if a1 != 0 {
+                let dv = wide::times(a1, n)?;
+                v += dv;
+                s = s.checked_add(wide::times(dv, n)? >> 1)?;
+            }
+        } else {
             v += wide::times(self.a + a1, n)? >> 1;
             s = s.checked_add(wide::sixth(wide::times(wide::times(2 * self.a + a1, n)?, n)?))?;
         }
@@ -59,7 +65,7 @@ pub(super) struct Path {
 impl Path {
     #[inline(never)]
     pub fn new(at: Point) -> Path {
-        Path { lengths: [0; MAX_PHASES], starts: [Point::default(); MAX_PHASES], count: 0, at, time: 0 }
+        Path { lengths: [0; MAX_PHASES], starts: [Point { s: 0, v: 0, a: 0 }; MAX_PHASES], count: 0, at, time: 0 }
     }
 
     /// Goes to the acceleration `a1` in `n` segments.
@@ -156,6 +162,9 @@ const STEEPEST: u64 = 10 << COEFFICIENT_BITS;
 /// `x * 2^up` as a coefficient, to nearest.
 #[inline(never)]
 fn coefficient(x: i128, up: i32) -> Option<i64> {
+    if x == 0 {
+        return Some(0);
+    }
     let size = x.unsigned_abs();
     let down = (BITS - COEFFICIENT_BITS) as i32 - up;
     if size.leading_zeros() as i32 + down <= 64 {

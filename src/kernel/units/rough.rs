@@ -188,15 +188,14 @@ impl Rough {
 
     /// The smaller of this and of a quotient that is not above the exact one.
     #[inline(never)]
-    pub const fn least(self, dividend: Rough, divisor: Rough) -> Rough {
-        // most quotients are larger than the smallest one: a product says so for less than a division
+    pub fn least(self, dividend: Rough, divisor: Rough) -> Rough {
+        // most quotients are larger than the smallest one: half a product says so for less than a division
         let up = dividend.exponent - divisor.exponent - self.exponent;
-        let larger = match up {
-            33.. => true,
-            31..=32 => (dividend.mantissa as u64) << up >= self.mantissa as u64 * divisor.mantissa as u64,
-            _ => false,
-        };
-        if larger { self } else { dividend.quotient(divisor).0 }
+        let product = ((u64::from(self.mantissa) * u64::from(divisor.mantissa)) >> 32) as u32;
+        if up > 32 || up > 30 && dividend.mantissa >> (32 - up) > product {
+            return self;
+        }
+        self.min(dividend.over_down(divisor))
     }
 
     /// The square root, not above it.

@@ -176,7 +176,7 @@ impl Planner {
             && !self.is_running()
             && checked.version == capability.version()
             && checked.to == goal
-            && checked.from.fine() == path.origin;
+            && checked.from.fine().0.iter().zip(&path.origin.0).all(|(a, b)| a == b);
         if as_checked {
             let next = self.slots[slot].next_mut();
             (next.grant, next.track.profile) = (checked.grant, checked.profile);

@@ -170,8 +170,8 @@ impl Planner {
 
     /// A new track turns: what the others do is bent by so much more from now on.
     pub(super) fn bend_others(&mut self, capability: &Capability, own: usize, swing: u64) {
-        for (i, slot) in self.slots.iter_mut().enumerate() {
-            for active in slot.each_mut().filter(|_| i != own) {
+        for (_, slot) in self.slots.iter_mut().enumerate().filter(|(i, slot)| *i != own && slot.latest().is_some()) {
+            for active in slot.each_mut() {
                 let more = swing.min(ONE_RADIAN - active.grant.bent);
                 active.grant.bent += more;
                 let bend = bend(capability, active.grant.turning, more);
