@@ -6,6 +6,7 @@
 use super::calibration::{Calibration, MotorData};
 use super::coupling::{factor, lone, rows};
 use super::pivot::{Rotary, Rotation, Screw, Turned, from_sixteenths, to_nanometres};
+use crate::units::rough::Rough;
 use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose, wide};
 use serde::{Deserialize, Serialize};
 
@@ -42,6 +43,8 @@ pub struct Law {
     factors: [i32; AXES],
     /// Step sizes, Q32 nm or nrad.
     step: [u64; AXES],
+    /// Steps per nm or nrad, not below the exact number.
+    per_unit: [Rough; AXES],
     /// The rotary part.
     rotation: Rotary,
     /// Largest distance of the pivot from a rotary axis, nm, rounded up; 0 while the pivot is not held.
@@ -73,6 +76,7 @@ impl Law {
             gain: [unit(3), unit(4), unit(5)],
             factors: motors.map(|m| factor(m.row_bits)),
             step: motors.map(|m| m.step_q32),
+            per_unit: motors.map(|m| Rough::ONE.over_up(Rough::down(m.step_q32.max(1), 32))),
             rotation: Rotary::default(),
             lever_nm: 0,
         }
@@ -183,6 +187,11 @@ impl Law {
     /// Step size of a motor, Q32 nm or nrad.
     pub fn step_q32(&self, motor: usize) -> u64 {
         self.step[motor]
+    }
+
+    /// Steps of a motor per nm or nrad, not below the exact number.
+    pub fn per_unit(&self, motor: usize) -> Rough {
+        self.per_unit[motor]
     }
 
     /// Largest distance of the held pivot from a rotary axis, nm; 0 while none is held.

@@ -78,8 +78,6 @@ pub struct Bounds {
     per_stretch: Rough,
     /// What the slope within a stretch may be more than its way is long: for the rounding of the law, and its bend.
     more: [Rough; AXES],
-    /// Steps per nm or nrad.
-    per_unit: [Rough; AXES],
     /// The path begins and ends at rest at 0 and 1, and is never left beyond them.
     pub rests: bool,
     /// |m'|, steps per path unit.
@@ -121,9 +119,6 @@ impl Bounds {
         self.range.steps = 0;
         self.turning = turning + turning / 32;
         let turns = turning != 0;
-        for (i, per_unit) in self.per_unit.iter_mut().enumerate() {
-            *per_unit = Rough::ONE.over_up(Rough::down(law.step_q32(i).max(1), 32));
-        }
         if turns {
             self.bend(law);
         }
@@ -137,7 +132,7 @@ impl Bounds {
         self.look(law, path, count, each);
         self.stretches = if count > 1 { count } else { 0 };
         for i in 0..AXES {
-            self.follow(i, count, turns);
+            self.follow(law, i, count, turns);
         }
         if !turns {
             self.run_straight(law, path);
@@ -152,12 +147,13 @@ impl Bounds {
         // q'' = second * angle^2 in radians
         let second = turned(Rough::up(law.second_order_bound(), 32).times_up(angle), angle);
         let (lever, third) = (and_a_quarter(lever), and_a_quarter(third));
-        for (i, per_unit) in self.per_unit.iter().enumerate() {
+        for i in 0..AXES {
+            let per_unit = law.per_unit(i);
             if i < 3 {
-                self.curvature[i] = lever.times_up(*per_unit);
-                self.third[i] = third.times_up(*per_unit);
+                self.curvature[i] = lever.times_up(per_unit);
+                self.third[i] = third.times_up(per_unit);
             } else {
-                self.curvature[i] = second.times_up(*per_unit);
+                self.curvature[i] = second.times_up(per_unit);
             }
         }
         self.bent = self.curvature;
@@ -182,7 +178,7 @@ impl Bounds {
     }
 
     /// Range, curvature and slope of a motor by what its samples show.
-    fn follow(&mut self, i: usize, count: usize, turns: bool) {
+    fn follow(&mut self, law: &Law, i: usize, count: usize, turns: bool) {
         let samples = self.samples.get(..=count).unwrap_or_default();
         let [first, rest @ ..] = samples else { return };
         let (mut last, mut before) = (first[i], 0);
@@ -203,11 +199,11 @@ impl Bounds {
         let mut bulge = 0;
         if turns {
             if count > 1 {
-                self.straighten(i, bent);
+                self.straighten(law, i, bent);
             }
             let bend = self.curvature[i].times_up(self.stretch).shifted(-1);
             // the law is rounded to a sixteenth nm or nrad
-            self.more[i] = self.per_unit[i].shifted(-4).times_up(self.per_stretch).plus_up(bend);
+            self.more[i] = law.per_unit(i).shifted(-4).times_up(self.per_stretch).plus_up(bend);
             // half the curvature times the square of a stretch, Q32 steps
             bulge = bend.times_up(self.stretch).ceil(32);
             self.slope[i] = self.steepest(longest, i);
@@ -238,9 +234,9 @@ impl Bounds {
     }
 
     /// Lowers the curvature of a motor to what the largest second difference of its samples shows.
-    fn straighten(&mut self, i: usize, bent: u64) {
+    fn straighten(&mut self, law: &Law, i: usize, bent: u64) {
         // it has four times the rounding of a sample
-        let sum = Rough::up(bent, 32).plus_up(self.per_unit[i].shifted(-2));
+        let sum = Rough::up(bent, 32).plus_up(law.per_unit(i).shifted(-2));
         let shown = sum.times_up(self.per_stretch).times_up(self.per_stretch);
         let apart = self.third[i].times_up(self.stretch).shifted(1);
         self.curvature[i] = self.curvature[i].min(shown.plus_up(apart));
@@ -289,7 +285,7 @@ impl Bounds {
                 // what the second-order term makes of two angles is in nrad
                 turned(Rough::up(law.second_order_bound(), 32).times_up(angle), others)
             };
-            let more = and_a_quarter(crossed).times_up(self.per_unit[i]);
+            let more = and_a_quarter(crossed).times_up(law.per_unit(i));
             self.slope[i] = self.slope[i].plus_up(more).plus_up(hidden);
         }
         self.stretches = 0;

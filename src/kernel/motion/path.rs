@@ -73,8 +73,8 @@ impl Path {
     pub fn push(&mut self, n: u32, a1: i128) -> Option<()> {
         if n > 0 {
             *self.lengths.get_mut(self.count)? = n;
-            *self.starts.get_mut(self.count)? = self.at;
-            self.at = self.at.after(n, a1)?;
+            let next = self.at.after(n, a1)?;
+            *self.starts.get_mut(self.count)? = core::mem::replace(&mut self.at, next);
             self.count += 1;
             self.time = segments(i128::from(self.time) + i128::from(n))?;
         }

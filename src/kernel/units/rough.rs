@@ -4,7 +4,7 @@
 //! What limits a motion need not be exact, only never too large (or too small). A mantissa of 32 bits and an exponent
 //! of its own are what a Cortex-M4 multiplies in one instruction and divides in two, for 20 to 50 instructions each,
 //! where exact numbers of 128 bits take hundreds. One operation is off by less than 2^-30 of its result, a cube root by
-//! less than 2^-19. No width can be too small: exponents have 32 bits.
+//! less than 2^-17. No width can be too small: exponents have 32 bits.
 
 use super::wide::{cube_root_64, isqrt_64, two_by_one};
 
@@ -216,7 +216,7 @@ impl Rough {
         if below.times_down(below) == self { below } else { below.next() }
     }
 
-    /// The cube root, not above it, to 2^-19.
+    /// The cube root, not above it, to 2^-17.
     #[inline(never)]
     pub fn cube_root_down(self) -> Rough {
         if self.mantissa == 0 {
@@ -228,11 +228,11 @@ impl Rough {
         Rough::down(root, (up - self.exponent) / 3)
     }
 
-    /// The cube root, not below it, to 2^-19.
+    /// The cube root, not below it, to 2^-17.
     pub fn cube_root_up(self) -> Rough {
         let below = self.cube_root_down();
-        // one of the 20 or 21 bits
-        if below.mantissa == 0 { below } else { below.plus_up(Rough::ONE.shifted(below.exponent + 12)) }
+        // three of its 20 or 21 bits: it is too small by two at most
+        if below.mantissa == 0 { below } else { below.plus_up(Rough::down(3, -below.exponent - 12)) }
     }
 
     /// Times `2^bits`, rounded down; the largest number where it is more.
@@ -251,12 +251,14 @@ impl Rough {
     #[inline(never)]
     pub const fn ceil(self, bits: i32) -> u64 {
         let up = self.exponent + bits;
-        match up {
-            _ if self.mantissa == 0 => 0,
-            _ if up <= -32 => 1,
-            _ if up > 32 => u64::MAX,
-            0.. => (self.mantissa as u64) << up,
-            _ => ((self.mantissa - 1) as u64 >> -up) + 1,
+        if up > 32 {
+            u64::MAX
+        } else if up > 0 {
+            (self.mantissa as u64) << up
+        } else if up > -32 && self.mantissa != 0 {
+            ((self.mantissa - 1) >> -up) as u64 + 1
+        } else {
+            (self.mantissa != 0) as u64
         }
     }
 }
@@ -318,8 +320,8 @@ mod tests {
             }
             near(a.root_down(), x.sqrt(), false, ulp);
             near(a.root_up(), x.sqrt(), true, ulp);
-            near(a.cube_root_down(), x.cbrt(), false, 2.0f64.powi(-19));
-            near(a.cube_root_up(), x.cbrt(), true, 2.0f64.powi(-18));
+            near(a.cube_root_down(), x.cbrt(), false, 2.0f64.powi(-17));
+            near(a.cube_root_up(), x.cbrt(), true, 2.0f64.powi(-17));
             assert_eq!(a < b, x < y, "{a:?} {b:?}");
         }
         assert_eq!(Rough::ONE.over_down(Rough::ZERO), Rough::INFINITE);
