@@ -49,6 +49,8 @@ pub struct Law {
     rotation: Rotary,
     /// Largest distance of the pivot from a rotary axis, nm, rounded up; 0 while the pivot is not held.
     lever_nm: u64,
+    /// See [`Law::second_order_bound`].
+    second_order: u64,
 }
 
 /// The rotary part of the last pose: unchanged angles cost nothing.
@@ -79,6 +81,7 @@ impl Law {
             per_unit: motors.map(|m| Rough::ONE.over_up(Rough::down(m.step_q32.max(1), 32))),
             rotation: Rotary::default(),
             lever_nm: 0,
+            second_order: 0,
         }
     }
 
@@ -103,6 +106,7 @@ impl Law {
             law.lever_nm = largest_lever_nm(calibration, pivot);
         }
         law.rotation = rotation.prepared();
+        law.second_order = second_order_bound(&law.rotation);
         law
     }
 
@@ -201,11 +205,14 @@ impl Law {
 
     /// Bound on what the second-order term adds to the slope of q_a, per radian in Q32.
     pub fn second_order_bound(&self) -> u64 {
-        let row =
-            |i: usize| self.rotation.second_order().iter().map(|column| u64::from(column[i].unsigned_abs())).sum();
-        // c is per radian times 2^60 / 10^9; 2 q q' doubles it
-        ([0, 1, 2].map(row).into_iter().max().unwrap_or(0) * 2 * (1_000_000_000 >> 9)) >> 19
+        self.second_order
     }
+}
+
+fn second_order_bound(rotation: &Rotary) -> u64 {
+    let row = |i: usize| rotation.second_order().iter().map(|column| u64::from(column[i].unsigned_abs())).sum();
+    // c is per radian times 2^60 / 10^9; 2 q q' doubles it
+    ([0, 1, 2].map(row).into_iter().max().unwrap_or(0) * 2 * (1_000_000_000 >> 9)) >> 19
 }
 
 /// The pivot at home in chip axes, 2^-20 nm, from the fibre array frame, 1/16 nm.

@@ -233,22 +233,18 @@ pub fn signed_product(a: i128, b: i128) -> Option<i128> {
 /// The largest `r` with `r * r <= x`; the top two bits of `x` are not both zero.
 #[inline(never)]
 pub(super) fn isqrt_64(x: u64) -> u32 {
-    // the same once more: half of the digits one by one, in 32 bits
+    // Zimmermann's: half of the digits first, by Newton's steps from above in 32 bits
     let (high, low) = ((x >> 32) as u32, x as u32);
-    let (mut upper, mut rest) = (0u32, high);
-    let mut bit = 1u32 << 30;
-    while bit != 0 {
-        let trial = upper + bit;
-        upper >>= 1;
-        if rest >= trial {
-            rest -= trial;
-            upper += bit;
-        }
-        bit >>= 2;
+    let mut upper = 0xffff;
+    while let better = (upper + high / upper.max(1)) / 2
+        && better < upper
+    {
+        upper = better;
     }
+    let rest = high - upper * upper;
     let dividend = u64::from(rest) << 16 | u64::from(low >> 16);
     // by half of both: below 2^32
-    let quotient = u64::from(((dividend >> 1) as u32).checked_div(upper).unwrap_or(0));
+    let quotient = u64::from((dividend >> 1) as u32 / upper.max(1));
     let rest = dividend - 2 * quotient * u64::from(upper);
     let root = (u64::from(upper) << 16) + quotient;
     let too_large = (rest << 16 | u64::from(low & 0xffff)) < quotient * quotient;
@@ -258,15 +254,13 @@ pub(super) fn isqrt_64(x: u64) -> u32 {
 /// An `r` with `r * r * r <= x` that is by two too small at most, for `2^56 <= x < 2^63`.
 #[inline(never)]
 pub(super) fn cube_root_64(x: u64) -> u64 {
-    // the same once more: half of the digits one by one, in 32 bits
-    let (mut upper, mut rest) = (0u32, (x >> 33) as u32);
-    for shift in (0..30).step_by(3).rev() {
-        upper *= 2;
-        let more = 3 * upper * (upper + 1) + 1;
-        if rest >> shift >= more {
-            rest -= more << shift;
-            upper += 1;
-        }
+    // half of the digits first, by Newton's steps from above in 32 bits
+    let high = (x >> 33) as u32;
+    let mut upper = 1024u32;
+    while let better = (2 * upper + high / (upper * upper).max(1)) / 3
+        && better < upper
+    {
+        upper = better;
     }
     let upper = u64::from(upper) << 11;
     let square = upper * upper;
