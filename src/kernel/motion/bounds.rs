@@ -22,7 +22,7 @@ const SAMPLES: i64 = 8;
 pub const MOST_STRETCHES: usize = SAMPLES as usize;
 
 /// Radians of a nanoradian.
-const NANO: Rough = Rough::ONE.over_up(Rough::down(1_000_000_000, 0));
+pub const NANO: Rough = Rough::ONE.over_up(Rough::down(1_000_000_000, 0));
 
 /// A path: where it begins, one path unit of it, and the stretch of path positions to look at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,7 +100,7 @@ fn turned(length: Rough, angle: Rough) -> Rough {
 }
 
 /// With a quarter added for what the bound leaves out (tilted axes, the lever's own change).
-fn and_a_quarter(length: Rough) -> Rough {
+pub fn and_a_quarter(length: Rough) -> Rough {
     length.plus_up(length.shifted(-2))
 }
 

@@ -117,16 +117,16 @@ impl Path {
         })
     }
 
-    /// The profile, ending exactly at `end` (Q60), mirrored if `sign` is −1. What is not one is left unfinished.
-    pub fn finish(&self, start: i64, end: i64, end_velocity: i64, sign: i128, profile: &mut Profile) -> Option<()> {
+    /// The profile, ending exactly at `end` (Q60), mirrored if it is to go `back`. What is not one is left unfinished.
+    pub fn finish(&self, start: i64, end: i64, end_velocity: i64, back: bool, profile: &mut Profile) -> Option<()> {
         let goal = (i128::from(end) - i128::from(start)) << FROM_Q60;
-        if (sign * self.at.s - goal).abs() > 1 << (BITS - 57) {
+        if (wide::turned(self.at.s, back) - goal).abs() > 1 << (BITS - 57) {
             return None;
         }
         let mut time = 0;
         for (phase, (n, from, to)) in profile.phases.iter_mut().zip(self.phases()) {
             time += n;
-            cubic(phase, n, start, sign, from, to)?;
+            cubic(phase, n, start, back, from, to)?;
             phase.end = time;
         }
         profile.count = self.count as u8;
@@ -180,7 +180,7 @@ fn coefficient(x: i128, up: i32) -> Option<i64> {
 
 /// The coefficients of one phase, refused where evaluation could leave an i64.
 #[inline(never)]
-fn cubic(phase: &mut Phase, n: u32, start: i64, sign: i128, from: &Point, to: &Point) -> Option<()> {
+fn cubic(phase: &mut Phase, n: u32, start: i64, back: bool, from: &Point, to: &Point) -> Option<()> {
     // At least 1: a shift by 32 has no meaning in u32.
     let k = (32 - n.saturating_sub(1).leading_zeros()).max(1) as i32;
     let c1 = coefficient(from.v, k)?;
@@ -197,8 +197,7 @@ fn cubic(phase: &mut Phase, n: u32, start: i64, sign: i128, from: &Point, to: &P
         };
         coefficient(sixth, 3 * k - up as i32)?
     };
-    let turned = |x: i128| if sign < 0 { -x } else { x };
-    let c0 = i64::try_from(i128::from(start) + round(turned(from.s), FROM_Q60)).ok()?;
+    let c0 = i64::try_from(i128::from(start) + round(wide::turned(from.s, back), FROM_Q60)).ok()?;
     // How far a phase can lead beyond its borders: not at all where it is monotone; by less than
     // v0·n where only the velocity changes its sign.
     let swings = turns_round(from.a, to.a);
@@ -207,7 +206,7 @@ fn cubic(phase: &mut Phase, n: u32, start: i64, sign: i128, from: &Point, to: &P
         let bend = if swings { wide::times(wide::times(from.a.abs().max(to.a.abs()), n)?, n)? / 2 } else { 0 };
         drift.checked_add(bend)? < ROOM
     };
-    let turned = |c: i64| if sign < 0 { -c } else { c };
+    let turned = |c: i64| if back { -c } else { c };
     (phase.shift, phase.c) = ((32 - k) as u8, [c0, turned(c1), turned(c2), turned(c3)]);
     (c0.abs() <= FARTHEST && near).then_some(())
 }

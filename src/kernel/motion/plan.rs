@@ -60,12 +60,12 @@ pub(super) fn velocity_profile(state: State, v1: i64, limits: Limits, profile: &
     path.at.s = (i128::from(end) - i128::from(state.position)) << FROM_Q60;
     let duration = path.time;
     if v1 != 0 {
-        let room = i128::from(FARTHEST) - RUN_ON_ROOM - i128::from(v1.signum()) * i128::from(end);
+        let room = i128::from(FARTHEST) - RUN_ON_ROOM - wide::turned(end.into(), v1 < 0);
         let n = wide::signed_div(room.max(0), i128::from(v1.abs())).min(RUN_ON);
         path.push(segments(n)?, 0)?;
     }
     let last = state.position as i128 + (path.at.s >> FROM_Q60);
-    path.finish(state.position, i64::try_from(last).ok()?, v1, 1, profile)?;
+    path.finish(state.position, i64::try_from(last).ok()?, v1, false, profile)?;
     (profile.duration, profile.end_position) = (duration, end);
     Some(())
 }
@@ -99,9 +99,8 @@ fn quick_change(from: Point, v1: i128, rates: &Rates, lead: bool) -> Option<Path
 /// Takes the acceleration through zero at exactly full jerk: any milder slope would let the
 /// velocity rise above what the state forces.
 pub(super) fn lead_in(path: &mut Path, rates: &Rates) -> Option<()> {
-    let a = path.at.a;
-    let n = wide::signed_div_up(a.abs(), rates.j);
-    path.push(segments(n)?, a - a.signum() * rates.j.checked_mul(n)?)
+    let (n, swing) = rates.through_zero(path.at.a)?;
+    path.push(n, swing)
 }
 
 /// The path that only takes the acceleration to zero: always possible.
@@ -113,17 +112,16 @@ fn settled(from: Point, rates: &Rates, v_most: i128) -> Option<Path> {
     if from.a == 0 {
         return Some(Path::new(from));
     }
-    let n = wide::signed_div_up(from.a.abs(), rates.j);
-    let swing = from.a - from.a.signum() * rates.j.checked_mul(n)?;
+    let (n, swing) = rates.through_zero(from.a)?;
     let a_most = rates.a.max(from.a.abs());
     let mut found = None;
     // The ninth way stops one segment short at full jerk and rounds that one off.
     for eighths in [0, 4, 8, 6, 7, 5, 2, 3, 1, 9] {
         let mut path = Path::new(from);
         if eighths == 9 {
-            path.push(segments(n - 1)?, swing + from.a.signum() * rates.j)?;
+            path.push(n - 1, swing + wide::turned(rates.j, from.a < 0))?;
         } else {
-            path.push(segments(n)?, swing / 8 * eighths)?;
+            path.push(n, wide::times(swing >> 3, eighths)?)?;
         }
         if path.at.a != 0 {
             path.push(1, 0)?;
@@ -157,24 +155,25 @@ pub(super) fn position_profile(state: State, target: i64, limits: Limits, profil
         if way != 0 {
             rest_to_rest(&mut path, way.abs(), &rates)?;
         }
-        return path.finish(state.position, target, 0, if way < 0 { -1 } else { 1 }, profile);
+        return path.finish(state.position, target, 0, way < 0, profile);
     }
     let stop = change(from, 0, &rates)?;
     let rest = way - stop.at.s;
     if rest == 0 {
-        return stop.finish(state.position, target, 0, 1, profile);
+        return stop.finish(state.position, target, 0, false, profile);
     }
     let v_most = most(from, &rates)?;
     let a_most = rates.a.max(from.a.abs());
-    let sign = rest.signum();
-    let mirrored = Point { s: 0, v: sign * from.v, a: sign * from.a };
+    let back = rest < 0;
+    let mirrored = Point { s: 0, v: wide::turned(from.v, back), a: wide::turned(from.a, back) };
+    let way = wide::turned(way, back);
     let keeps = |path: &Path| path.keeps(&rates, v_most, a_most);
     let mut found = None;
     // The shortest of them, the first of equals.
     let mut consider = |path: Path| {
         if found.is_none_or(|time| path.time < time) {
             let mut candidate = Profile::default();
-            if path.finish(state.position, target, 0, sign, &mut candidate).is_some() {
+            if path.finish(state.position, target, 0, back, &mut candidate).is_some() {
                 *profile = candidate;
                 found = Some(path.time);
             }
@@ -182,17 +181,17 @@ pub(super) fn position_profile(state: State, target: i64, limits: Limits, profil
     };
     for lead in [false, true] {
         if !lead || from.a != 0 {
-            let direct = super::search::direct(Path::new(mirrored), sign * way, rates, lead);
+            let direct = super::search::direct(Path::new(mirrored), way, rates, lead);
             direct.filter(keeps).into_iter().for_each(&mut consider);
         }
     }
     // Where a stop ends almost at the target, bending it there beats every other way.
     if rest.abs() < stop.at.s.abs() {
-        let bent = super::sloped::stop(Path::new(mirrored), sign * way, &rates);
+        let bent = super::sloped::stop(Path::new(mirrored), way, &rates);
         bent.filter(keeps).into_iter().for_each(&mut consider);
     }
     // Stop, then go: always possible, and the better way when the rest is tiny.
-    let mut detour = if sign < 0 { stop.mirrored() } else { stop };
+    let mut detour = if back { stop.mirrored() } else { stop };
     if rest_to_rest(&mut detour, rest.abs(), &rates).is_some() {
         consider(detour);
     }

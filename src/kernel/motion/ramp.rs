@@ -72,7 +72,14 @@ impl Rates {
         } else {
             ratio >> (j_shift - 2 * a_shift).min(127)
         };
-        Some(a.signum() * size as i128)
+        Some(wide::turned(size as i128, a < 0))
+    }
+
+    /// Segments in which full jerk takes an acceleration to zero, rounded up, and what it is then.
+    #[inline(never)]
+    pub fn through_zero(&self, a: i128) -> Option<(u32, i128)> {
+        let n = segments(wide::signed_div_up(a.abs(), self.j))?;
+        Some((n, a - wide::turned(wide::times(self.j, n)?, a < 0)))
     }
 
     /// Segments of a symmetric ramp over `dv` that starts and ends without acceleration.
@@ -96,8 +103,7 @@ impl Rates {
             return self.symmetric(v1 - v0);
         }
         let free = v0 + self.forced(a0)?;
-        let sign = if v1 >= free { 1 } else { -1 };
-        let (a0, dv) = (sign * a0, sign * (v1 - v0));
+        let (a0, dv) = (wide::turned(a0, v1 < free), wide::turned(v1 - v0, v1 < free));
         let over =
             |x: i128, by: i128| Rough::wide_down(x.unsigned_abs()).over_down(Rough::wide_down(by.unsigned_abs()));
         // Times, in segments, and their squares.

@@ -119,8 +119,7 @@ pub fn div_up(dividend: u128, divisor: u128) -> u128 {
 #[inline(never)]
 pub fn signed_div_rem(dividend: i128, divisor: i128) -> (i128, i128) {
     let (quotient, remainder) = div_rem(dividend.unsigned_abs(), divisor.unsigned_abs());
-    let turn = |x: u128, negative: bool| if negative { (x as i128).wrapping_neg() } else { x as i128 };
-    (turn(quotient, (dividend < 0) != (divisor < 0)), turn(remainder, dividend < 0))
+    (turned(quotient as i128, (dividend < 0) != (divisor < 0)), turned(remainder as i128, dividend < 0))
 }
 
 /// Signed quotient, rounded towards zero.
@@ -148,7 +147,7 @@ pub fn over_small(dividend: i128, divisor: u32) -> i128 {
         (digit, rest) = if rest == 0 && next < by { (0, next) } else { two_by_one(rest, next, by) };
         quotient = quotient << 32 | u128::from(digit);
     }
-    if dividend < 0 { (quotient as i128).wrapping_neg() } else { quotient as i128 }
+    turned(quotient as i128, dividend < 0)
 }
 
 /// A sixth, rounded towards zero.
@@ -165,7 +164,7 @@ pub fn sixth(x: i128) -> i128 {
         rest = (low as u32).wrapping_sub(part.wrapping_mul(6));
         sixth = sixth << 32 | u128::from(digit);
     }
-    if x < 0 { (sixth as i128).wrapping_neg() } else { sixth as i128 }
+    turned(sixth as i128, x < 0)
 }
 
 /// Signed quotient, rounded upwards; the divisor is positive.
@@ -193,6 +192,12 @@ pub fn narrow(x: u128) -> u64 {
     if (x >> 64) as u64 == 0 { x as u64 } else { u64::MAX }
 }
 
+/// `x`, or its negative: where a product with a sign would be one of 128 bits.
+#[inline(always)]
+pub fn turned(x: i128, back: bool) -> i128 {
+    if back { x.wrapping_neg() } else { x }
+}
+
 /// The number nearest to `x` that is not below `least` nor above `most`: [`Ord::clamp`] without its panic, which would
 /// bring the decimal text of 128 bits into the firmware.
 pub fn within(x: i128, least: i128, most: i128) -> i128 {
@@ -212,7 +217,7 @@ pub fn times(x: i128, n: u32) -> Option<i128> {
     let low = u128::from(size as u64) * u128::from(n);
     let high = u128::from((size >> 64) as u64) * u128::from(n) + (low >> 64);
     let product = high << 64 | u128::from(low as u64);
-    let signed = if x < 0 { (product as i128).wrapping_neg() } else { product as i128 };
+    let signed = turned(product as i128, x < 0);
     // beyond 127 bits the sign is lost, but for the lowest number itself
     let fits = high >> 64 == 0 && (signed == 0 || (signed < 0) == (x < 0));
     fits.then_some(signed)

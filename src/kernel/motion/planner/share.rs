@@ -3,8 +3,9 @@
 use super::{Capability, Planner, SINGLE_SHARE_1024, WAIT_BELOW};
 use crate::compensation::law::Remembered;
 use crate::error::Error;
-use crate::motion::bounds::{Bounds, PATH_ONE, Path};
-use crate::motion::budget::{Grant, Rates, Turning};
+use crate::motion::bounds::{Bounds, NANO, PATH_ONE, Path, and_a_quarter};
+use crate::motion::budget::{Grant, RATE_BITS, Rates, Turning};
+use crate::units::rough::Rough;
 use crate::units::{AXES, Axis, wide};
 
 /// Angle beyond which a turn bends nothing further, nrad: the lever itself is the most it can add.
@@ -194,14 +195,13 @@ fn along(length: i64, position: i64) -> i64 {
 #[inline(never)]
 fn law_crossed(capability: &Capability, i: usize, nrad2_q40: u128) -> u64 {
     let law = &capability.law;
-    let nano = wide::div(nrad2_q40, 1_000_000_000);
+    let nano = Rough::wide_up(nrad2_q40).shifted(-40).times_up(NANO);
     let units = if i < 3 {
-        wide::div(nano * u128::from(law.lever_nm()), 1_000_000_000)
+        nano.times_up(NANO).times_up(Rough::up(law.lever_nm(), 0))
     } else {
-        (nano * u128::from(law.second_order_bound())) >> 32
+        nano.times_up(Rough::up(law.second_order_bound(), 32))
     };
-    let steps = wide::div((units + 1) << 36, u128::from(law.step_q32(i).max(1))) * 5 / 4 + 1;
-    u64::try_from(steps).unwrap_or(u64::MAX >> 2)
+    and_a_quarter(units).times_up(law.per_unit(i)).ceil(RATE_BITS as i32).min(u64::MAX >> 2)
 }
 
 /// How much more of each motor a turning track needs once another one has turned by `angle` nrad.
