@@ -105,14 +105,7 @@ pub fn and_a_quarter(length: Rough) -> Rough {
 }
 
 impl Bounds {
-    /// Bounds along a path, while nothing else turns.
-    pub fn along(law: &Law, path: &Path) -> Self {
-        let mut bounds = Bounds::default();
-        bounds.survey(law, path);
-        bounds
-    }
-
-    /// The same, over bounds of other stretches in the same direction: without a copy.
+    /// Becomes the bounds along a path, while nothing else turns: in place, because they are large.
     #[inline(never)]
     pub fn survey(&mut self, law: &Law, path: &Path) {
         let turning: u64 = path.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + u64::from(*d != 0)).sum();
@@ -135,6 +128,7 @@ impl Bounds {
             self.follow(law, i, count, turns);
         }
         if !turns {
+            (self.curvature, self.third) = ([Rough::ZERO; AXES], [Rough::ZERO; AXES]);
             self.run_straight(law, path);
         }
     }

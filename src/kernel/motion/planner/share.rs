@@ -122,6 +122,7 @@ impl Planner {
         let mut high = [0i64; AXES];
         let swing = way.swing(asking.path);
         let mut rest = None;
+        let mut other = Bounds::default();
         for (i, slot) in self.slots.iter().enumerate() {
             let Some(active) = slot.latest().filter(|_| i != asking.slot) else {
                 continue;
@@ -135,7 +136,7 @@ impl Planner {
                 from: end.saturating_add(from),
                 to: end.saturating_add(to),
             };
-            let other = Bounds::along(law, &path);
+            other.survey(law, &path);
             let angles = u128::from(swing) * u128::from(other.swing(&path));
             for (m, rest) in rest.iter().enumerate() {
                 let crossed = (law_crossed(capability, m, angles << 40) >> 12) as i64;
