@@ -139,7 +139,7 @@ fn most(from: Point, rates: &Rates) -> Option<i128> {
     let forced = (from.v + rates.forced(from.a)?).abs();
     let most = rates.v.max(from.v.abs()).max(forced);
     // What the rounding of `forced` and of the state can add.
-    Some(most + (most >> 40) + (1 << 30))
+    Some(most + (most >> 28) + (1 << 30))
 }
 
 /// [`to_position`], written over another profile: without a copy.

@@ -58,21 +58,12 @@ impl Rates {
         Rates { a, j: self.j.min(a.max(from.a.abs())), ..self }
     }
 
-    /// Velocity change while `a` falls to zero at full jerk: a·|a| / 2J, to 2^-48.
+    /// Velocity change while `a` falls to zero at full jerk: a·|a| / 2J, to 2^-29.
     #[inline(never)]
     pub fn forced(&self, a: i128) -> Option<i128> {
-        let bits = |x: u128| 128 - x.leading_zeros();
-        let a_shift = bits(a.unsigned_abs()).saturating_sub(62);
-        let j_shift = bits(self.j.unsigned_abs()).saturating_sub(50);
-        let a_short = a.unsigned_abs() >> a_shift;
-        let ratio = wide::div(a_short * a_short, 2 * (self.j.unsigned_abs() >> j_shift));
-        let size = if 2 * a_shift >= j_shift {
-            let up = 2 * a_shift - j_shift;
-            (bits(ratio) + up <= BITS + 6).then(|| ratio << up)?
-        } else {
-            ratio >> (j_shift - 2 * a_shift).min(127)
-        };
-        Some(wide::turned(size as i128, a < 0))
+        let [size, jerk] = [a, self.j].map(|x| Rough::wide_down(x.unsigned_abs()));
+        let change = size.times_down(size).over_down(jerk).shifted(-1);
+        Some(wide::turned(change.wide_floor(BITS + 6)? as i128, a < 0))
     }
 
     /// Segments in which full jerk takes an acceleration to zero, rounded up, and what it is then.

@@ -235,6 +235,16 @@ impl Rough {
         if below.mantissa == 0 { below } else { below.plus_up(Rough::down(3, -below.exponent - 12)) }
     }
 
+    /// Rounded down, in 128 bits; none where it has more than `most`, at least 32.
+    pub const fn wide_floor(self, most: u32) -> Option<u128> {
+        match self.exponent {
+            0.. if self.exponent as u32 + 32 > most => None,
+            0.. => Some((self.mantissa as u128) << self.exponent),
+            -31.. => Some((self.mantissa >> -self.exponent) as u128),
+            _ => Some(0),
+        }
+    }
+
     /// Times `2^bits`, rounded down; the largest number where it is more.
     #[inline(never)]
     pub const fn floor(self, bits: i32) -> u64 {
@@ -343,6 +353,12 @@ mod tests {
             let wide = u128::from(x) << (random.bits() >> 58);
             near(Rough::wide_down(wide), wide as f64, false, 1e-9);
             near(Rough::wide_up(wide), wide as f64, true, 1e-9);
+            let most = 32 + (random.bits() >> 58) as u32;
+            let floor = Rough::wide_down(wide).wide_floor(most);
+            assert_eq!(floor.is_none(), 128 - wide.leading_zeros() > most, "{wide:#x} {most}");
+            if let Some(floor) = floor {
+                assert!(floor <= wide && wide - floor <= wide >> 31, "{wide:#x}");
+            }
             let bits = (random.bits() >> 58) as i32 - 40;
             let exact = value(below) * 2f64.powi(bits);
             let (floor, ceil) = (below.floor(bits), below.ceil(bits));

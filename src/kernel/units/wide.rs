@@ -174,12 +174,6 @@ pub fn signed_div_up(dividend: i128, divisor: i128) -> i128 {
     if remainder > 0 { quotient + 1 } else { quotient }
 }
 
-/// `floor(value * 2^up / divisor)` for `up <= 64`; the largest number where that is more.
-#[inline(never)]
-pub fn shifted_div(value: u64, up: u32, divisor: u64) -> u64 {
-    narrow(div(u128::from(value) << up.min(64), u128::from(divisor)))
-}
-
 /// `floor(a * b / 2^down)` for `down < 128`; the largest number where that is more.
 #[inline(never)]
 pub fn mul_shift(a: u64, b: u64, down: u32) -> u64 {
@@ -221,18 +215,6 @@ pub fn times(x: i128, n: u32) -> Option<i128> {
     // beyond 127 bits the sign is lost, but for the lowest number itself
     let fits = high >> 64 == 0 && (signed == 0 || (signed < 0) == (x < 0));
     fits.then_some(signed)
-}
-
-/// Product; none beyond 128 bits.
-#[inline(never)]
-pub fn product(a: u128, b: u128) -> Option<u128> {
-    a.checked_mul(b)
-}
-
-/// Signed product; none beyond 128 bits.
-#[inline(never)]
-pub fn signed_product(a: i128, b: i128) -> Option<i128> {
-    a.checked_mul(b)
 }
 
 /// The largest `r` with `r * r <= x`; the top two bits of `x` are not both zero.
@@ -336,9 +318,6 @@ mod tests {
             none += u32::from(times(x, n).is_none());
             let (a, b, k) = (random.wide() as u64, random.wide() as u64, (random.bits() >> 57) as u32);
             assert_eq!(mul_shift(a, b, k), u64::try_from((u128::from(a) * u128::from(b)) >> k).unwrap_or(u64::MAX));
-            let k = k % 65;
-            let whole = (u128::from(a) << k).checked_div(u128::from(b)).unwrap_or(u128::MAX);
-            assert_eq!(shifted_div(a, k, b), u64::try_from(whole).unwrap_or(u64::MAX));
         }
         assert!(none > 10_000);
         assert_eq!(times(i128::MIN / 2, 2), Some(i128::MIN));
