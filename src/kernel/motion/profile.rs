@@ -45,8 +45,9 @@ pub(super) struct Phase {
 ///
 /// Beyond the end of a profile that ends at rest stands the exact end position. A jog profile
 /// goes on at its end velocity; see [`super::plan::to_velocity`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Profile {
+    /// Behind the last of `count` stands what was there before: profiles are made over others.
     pub(super) phases: [Phase; MAX_PHASES],
     pub(super) count: u8,
     /// Segments until the goal is reached.
