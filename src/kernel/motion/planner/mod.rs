@@ -108,7 +108,7 @@ impl Planner {
     pub fn at_rest(pose: Pose) -> Self {
         Planner {
             base: pose.fine(),
-            slots: core::array::from_fn(|_| Slot::default()),
+            slots: [Slot::default(); SLOTS],
             desires: [Desire::None; AXES],
             goal: None,
             then_goal: None,
