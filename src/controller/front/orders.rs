@@ -36,7 +36,7 @@ impl Front {
             let WaitingOrder { sequence, segment, aborts, action } = self.orders.pop_front()?;
             let action = match action {
                 Waiting::Run { slot } => match self.planner.on_its_way(slot, sequence) {
-                    Some(track) => Action::Run { slot, track },
+                    Some(track) => Action::Run { slot, track: *track },
                     // an immediate stop has forgotten it
                     None => continue,
                 },

@@ -6,6 +6,7 @@
 use super::calibration::{Calibration, MotorData};
 use super::coupling::{factor, lone, rows};
 use super::pivot::{Rotary, Rotation, Screw, Turned, from_sixteenths, to_nanometres};
+use crate::units::rough::Rough;
 use crate::units::{AXES, COORDINATE_LIMIT, FinePose, FineSteps, MotorSteps, Pose, wide};
 use serde::{Deserialize, Serialize};
 
@@ -42,10 +43,14 @@ pub struct Law {
     factors: [i32; AXES],
     /// Step sizes, Q32 nm or nrad.
     step: [u64; AXES],
+    /// Steps per nm or nrad, not below the exact number.
+    per_unit: [Rough; AXES],
     /// The rotary part.
     rotation: Rotary,
     /// Largest distance of the pivot from a rotary axis, nm, rounded up; 0 while the pivot is not held.
     lever_nm: u64,
+    /// See [`Law::second_order_bound`].
+    second_order: u64,
 }
 
 /// The rotary part of the last pose: unchanged angles cost nothing.
@@ -73,8 +78,10 @@ impl Law {
             gain: [unit(3), unit(4), unit(5)],
             factors: motors.map(|m| factor(m.row_bits)),
             step: motors.map(|m| m.step_q32),
+            per_unit: motors.map(|m| Rough::ONE.over_up(Rough::down(m.step_q32.max(1), 32))),
             rotation: Rotary::default(),
             lever_nm: 0,
+            second_order: 0,
         }
     }
 
@@ -99,6 +106,7 @@ impl Law {
             law.lever_nm = largest_lever_nm(calibration, pivot);
         }
         law.rotation = rotation.prepared();
+        law.second_order = second_order_bound(&law.rotation);
         law
     }
 
@@ -185,6 +193,11 @@ impl Law {
         self.step[motor]
     }
 
+    /// Steps of a motor per nm or nrad, not below the exact number.
+    pub fn per_unit(&self, motor: usize) -> Rough {
+        self.per_unit[motor]
+    }
+
     /// Largest distance of the held pivot from a rotary axis, nm; 0 while none is held.
     pub fn lever_nm(&self) -> u64 {
         self.lever_nm
@@ -192,11 +205,14 @@ impl Law {
 
     /// Bound on what the second-order term adds to the slope of q_a, per radian in Q32.
     pub fn second_order_bound(&self) -> u64 {
-        let row =
-            |i: usize| self.rotation.second_order().iter().map(|column| u64::from(column[i].unsigned_abs())).sum();
-        // c is per radian times 2^60 / 10^9; 2 q q' doubles it
-        ([0, 1, 2].map(row).into_iter().max().unwrap_or(0) * 2 * (1_000_000_000 >> 9)) >> 19
+        self.second_order
     }
+}
+
+fn second_order_bound(rotation: &Rotary) -> u64 {
+    let row = |i: usize| rotation.second_order().iter().map(|column| u64::from(column[i].unsigned_abs())).sum();
+    // c is per radian times 2^60 / 10^9; 2 q q' doubles it
+    ([0, 1, 2].map(row).into_iter().max().unwrap_or(0) * 2 * (1_000_000_000 >> 9)) >> 19
 }
 
 /// The pivot at home in chip axes, 2^-20 nm, from the fibre array frame, 1/16 nm.

@@ -10,7 +10,8 @@
 
 use crate::compensation::law::{Law, Remembered};
 use crate::motion::track::scale;
-use crate::units::{AXES, FinePose, wide};
+use crate::units::rough::Rough;
+use crate::units::{AXES, FinePose};
 
 /// Path position 1.0 in Q60.
 pub const PATH_ONE: i64 = 1 << 60;
@@ -19,6 +20,9 @@ pub const PATH_ONE: i64 = 1 << 60;
 const SAMPLES: i64 = 8;
 /// Stretches between the samples, at most.
 pub const MOST_STRETCHES: usize = SAMPLES as usize;
+
+/// Radians of a nanoradian.
+pub const NANO: Rough = Rough::ONE.over_up(Rough::down(1_000_000_000, 0));
 
 /// A path: where it begins, one path unit of it, and the stretch of path positions to look at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,26 +37,24 @@ pub struct Path {
     pub to: i64,
 }
 
-/// Bounds of all motors along a path.
-#[derive(Clone, Debug, Default)]
-pub struct Bounds {
-    /// |m'|, steps per path unit, Q16.
-    pub slope: [u64; AXES],
-    /// Ways of the motors over each stretch of a path that turns, from its beginning to its end, Q32 steps; none where
-    /// it is straight, or where others turn meanwhile.
-    pub ways: heapless::Vec<[u64; AXES], MOST_STRETCHES>,
-    /// Length of a stretch, Q60.
-    stretch: i64,
-    /// Rounding of the law, Q32 steps.
-    noise: [u64; AXES],
-    /// The path begins and ends at rest at 0 and 1, and is never left beyond them.
-    pub rests: bool,
-    /// |m''|, steps per path unit squared, Q16.
-    pub curvature: [u64; AXES],
-    /// The same however others turn meanwhile.
-    bent: [u64; AXES],
-    /// |m'''|, steps per path unit cubed, Q16.
-    pub third: [u64; AXES],
+impl Path {
+    /// True when it is a single pose.
+    pub fn goes_nowhere(&self) -> bool {
+        self.direction.iter().all(|d| *d == 0)
+    }
+
+    fn at(&self, s: i64) -> FinePose {
+        let mut pose = self.origin;
+        for (u, d) in pose.0.iter_mut().zip(&self.direction) {
+            *u = u.saturating_add(scale(*d, s));
+        }
+        pose
+    }
+}
+
+/// Where the motors are along a path.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Range {
     /// Lowest motor position, Q32 steps, one half included.
     pub lowest: [i64; AXES],
     /// Highest motor position, Q32 steps, one half included.
@@ -61,182 +63,233 @@ pub struct Bounds {
     pub ends: [[i64; AXES]; 2],
     /// Bit n: motor n makes at least one step.
     pub steps: u8,
+}
+
+/// Bounds of all motors along a path.
+#[derive(Clone, Debug, Default)]
+pub struct Bounds {
+    /// Motor positions between the stretches, Q32 steps, one half included.
+    samples: [[i64; AXES]; MOST_STRETCHES + 1],
+    /// Stretches whose slopes can be told one by one: of a path that turns, while nothing else does.
+    pub stretches: usize,
+    /// Length of a stretch, path units.
+    pub stretch: Rough,
+    /// Its inverse.
+    per_stretch: Rough,
+    /// What the slope within a stretch may be more than its way is long: for the rounding of the law, and its bend.
+    more: [Rough; AXES],
+    /// The path begins and ends at rest at 0 and 1, and is never left beyond them.
+    pub rests: bool,
+    /// |m'|, steps per path unit.
+    pub slope: [Rough; AXES],
+    /// |m''|, steps per path unit squared.
+    pub curvature: [Rough; AXES],
+    /// The same however others turn meanwhile.
+    bent: [Rough; AXES],
+    /// |m'''|, steps per path unit cubed.
+    pub third: [Rough; AXES],
+    /// Where the motors are.
+    pub range: Range,
     /// Angular way of one path unit, nrad, summed over the rotary axes.
     pub turning: u64,
 }
 
-/// A length (2^-28 nm) turned by an angle (nrad), rounded up.
-#[inline(never)]
-fn turned(length: u128, angle: u64) -> u128 {
-    wide::div(length * u128::from(angle), 1_000_000_000) + 1
+/// A length turned by an angle (nrad).
+fn turned(length: Rough, angle: Rough) -> Rough {
+    length.times_up(angle).times_up(NANO)
 }
 
-/// A length (2^-28 nm) in steps of `step_q32`, Q16, with a quarter added for what the bound leaves out (tilted axes, the
-/// lever's own change).
-#[inline(never)]
-fn in_steps(length: u128, step_q32: u64) -> u64 {
-    let steps = wide::div(length * 5 / 4 * (1 << 20), u128::from(step_q32.max(1))); // Q28 * 2^20 / Q32 = Q16
-    wide::narrow(steps + 1)
-}
-
-/// A lever in nm as 2^-28 nm.
-fn fine(lever_nm: u64) -> u128 {
-    u128::from(lever_nm) << 28
+/// With a quarter added for what the bound leaves out (tilted axes, the lever's own change).
+pub fn and_a_quarter(length: Rough) -> Rough {
+    length.plus_up(length.shifted(-2))
 }
 
 impl Bounds {
-    /// Bounds along a path, while nothing else turns.
-    pub fn along(law: &Law, path: &Path) -> Self {
-        let mut bounds = Bounds::default();
+    /// Becomes the bounds along a path, while nothing else turns: in place, because they are large.
+    #[inline(never)]
+    pub fn survey(&mut self, law: &Law, path: &Path) {
         let turning: u64 = path.direction[3..].iter().map(|d| (d.unsigned_abs() >> 32) + u64::from(*d != 0)).sum();
-        bounds.turning = turning + turning / 32;
+        self.range.steps = 0;
+        self.turning = turning + turning / 32;
         let turns = turning != 0;
-        let (lever, second) = (fine(law.lever_nm()), law.second_order_bound());
         if turns {
-            let angle = bounds.turning;
-            let curvature = turned(turned(lever, angle), angle);
-            let third = turned(curvature, angle);
-            // q'' = second * angle^2 in radians; `second` is per radian in Q32
-            let nrad = (wide::div(u128::from(second) * u128::from(angle), 1_000_000_000) * u128::from(angle)) >> 32;
-            let nrad = wide::narrow((nrad + 1) << 48);
-            for i in 0..AXES {
-                let step = law.step_q32(i);
-                if i < 3 {
-                    (bounds.curvature[i], bounds.third[i]) = (in_steps(curvature, step), in_steps(third, step));
-                } else {
-                    bounds.curvature[i] = nrad / step.max(1) + 1;
-                }
-            }
+            self.bend(law);
         }
+        let length = path.to.abs_diff(path.from);
         // a milliradian bends the slope by less than a thousandth: samples would only add their rounding
-        let count = if product_q60(turning, path.to - path.from) > 1_000_000 { SAMPLES } else { 1 };
-        let stretch = (path.to - path.from) / count;
-        let mut remembered = Remembered::default();
-        let mut at = |s: i64| {
-            let mut pose = path.origin;
-            for (u, d) in pose.0.iter_mut().zip(&path.direction) {
-                *u = u.saturating_add(scale(*d, s));
-            }
-            law.targets(&pose, &mut remembered).0
-        };
-        let mut samples = [[0i64; AXES]; SAMPLES as usize + 1];
-        let used = samples.get_mut(..=count as usize).unwrap_or_default();
-        for (k, sample) in (0..).zip(used.iter_mut()) {
-            *sample = at(if k == count { path.to } else { path.from + stretch * k });
+        let bends = Rough::up(turning, 0).times_up(Rough::up(length, 60)) > Rough::down(1_000_000, 0);
+        let (count, each) =
+            if bends { (MOST_STRETCHES, (path.to - path.from) / SAMPLES) } else { (1, path.to - path.from) };
+        self.stretch = Rough::up(each.unsigned_abs().max(1), 60);
+        self.per_stretch = Rough::ONE.over_up(Rough::down(each.unsigned_abs().max(1), 60));
+        self.look(law, path, count, each);
+        self.stretches = if count > 1 { count } else { 0 };
+        for i in 0..AXES {
+            self.follow(law, i, count, turns);
         }
-        let (first, last) = (used.first().copied().unwrap_or_default(), used.last().copied().unwrap_or_default());
-        bounds.ends = [first, last];
-        (bounds.lowest, bounds.highest) = (first, first);
-        bounds.stretch = stretch;
-        bounds.bent = bounds.curvature;
-        if count > 1 {
-            (0..AXES).for_each(|i| bounds.straighten(law, i, used));
-        }
-        let mut ways = [0; AXES];
-        let between = bounds.curvature.map(|curvature| bend_q32(curvature, stretch));
-        for pair in used.windows(2) {
-            let [last, motors] = *pair else { continue };
-            let mut way = [0; AXES];
-            for i in 0..AXES {
-                way[i] = motors[i].abs_diff(last[i]);
-                // where it does not turn back, its ends are its extremes
-                let bulge = if turns && way[i] / 2 <= between[i] { (between[i] / 4 + 1) as i64 } else { 0 };
-                bounds.lowest[i] = bounds.lowest[i].min(motors[i].min(last[i]) - bulge);
-                bounds.highest[i] = bounds.highest[i].max(motors[i].max(last[i]) + bulge);
-                ways[i] = ways[i].max(way[i]);
-            }
-            if count > 1 {
-                let _ = bounds.ways.push(way);
-            }
-        }
-        let mut over = stretch;
         if !turns {
-            // straight: one path unit gives the slope, the same for every stretch of it
-            let [from, to] = if (path.from, path.to) == (0, PATH_ONE) { bounds.ends } else { [at(0), at(PATH_ONE)] };
-            ways = core::array::from_fn(|i| to[i].abs_diff(from[i]));
-            over = PATH_ONE;
+            (self.curvature, self.third) = ([Rough::ZERO; AXES], [Rough::ZERO; AXES]);
+            self.run_straight(law, path);
         }
-        for (i, way) in ways.into_iter().enumerate() {
-            bounds.noise[i] = if turns { (1 << 60) / law.step_q32(i).max(1) } else { 2 };
-            bounds.slope[i] = if turns || way > bounds.noise[i] { slope(way, bounds.noise[i], over) } else { 0 };
-            bounds.slope[i] = bounds.slope[i].saturating_add(product_q60(bounds.curvature[i], stretch) / 2);
-            if bounds.lowest[i] >> 32 != bounds.highest[i] >> 32 {
-                bounds.steps |= 1 << i;
+    }
+
+    /// Curvature and third derivative by what a turn can do at most.
+    fn bend(&mut self, law: &Law) {
+        let angle = Rough::up(self.turning, 0);
+        let lever = turned(turned(Rough::up(law.lever_nm(), 0), angle), angle);
+        let third = turned(lever, angle);
+        // q'' = second * angle^2 in radians
+        let second = turned(Rough::up(law.second_order_bound(), 32).times_up(angle), angle);
+        let (lever, third) = (and_a_quarter(lever), and_a_quarter(third));
+        for i in 0..AXES {
+            let per_unit = law.per_unit(i);
+            if i < 3 {
+                self.curvature[i] = lever.times_up(per_unit);
+                self.third[i] = third.times_up(per_unit);
+            } else {
+                self.curvature[i] = second.times_up(per_unit);
             }
         }
-        bounds
+        self.bent = self.curvature;
     }
 
-    /// Lowers the curvature of a motor to what the samples show.
-    fn straighten(&mut self, law: &Law, i: usize, samples: &[[i64; AXES]]) {
-        let second = |three: &[[i64; AXES]]| match three {
-            [a, b, c] => (c[i] - b[i]).abs_diff(b[i] - a[i]),
-            _ => u64::MAX,
-        };
-        let largest = samples.windows(3).map(second).max().unwrap_or(u64::MAX);
-        // a second difference has four times the rounding of a sample
-        let noise = (1u64 << 62) / law.step_q32(i).max(1);
-        // Q32 steps over a stretch squared, to Q16 steps per path unit squared
-        let sum = u128::from(largest) + u128::from(noise);
-        let shown = over_stretch(over_stretch(sum << 60, self.stretch) << 44, self.stretch);
-        let apart = product_q60(self.third[i], self.stretch).saturating_mul(2).saturating_add(1);
-        self.curvature[i] = self.curvature[i].min(wide::narrow(shown + 1).saturating_add(apart));
-    }
-
-    /// |m'| of a motor within one of the stretches of [`Bounds::ways`], steps per path unit in Q16.
-    pub fn slope_within(&self, ways: &[u64; AXES], i: usize) -> u64 {
-        slope(ways[i], self.noise[i], self.stretch).saturating_add(product_q60(self.curvature[i], self.stretch) / 2)
-    }
-
-    /// The same while other tracks may turn by `others` nrad, which bends the path.
-    pub fn among(mut self, law: &Law, others: u64) -> Self {
-        if self.turning == 0 || others == 0 {
-            return self;
+    /// Samples of the law at the ends of `count` stretches of `each` (Q60).
+    #[inline(never)]
+    fn look(&mut self, law: &Law, path: &Path, count: usize, each: i64) {
+        let mut remembered = Remembered::default();
+        let mut pose = path.at(path.from);
+        let way = path.direction.map(|d| scale(d, each));
+        for (k, sample) in self.samples.iter_mut().enumerate().take(count + 1) {
+            if k == count {
+                pose = path.at(path.to);
+            }
+            *sample = law.targets(&pose, &mut remembered).0;
+            for (u, way) in pose.0.iter_mut().zip(&way) {
+                *u = u.wrapping_add(*way);
+            }
         }
+        self.range.ends = [self.samples[0], self.samples.get(count).copied().unwrap_or_default()];
+    }
+
+    /// Range, curvature and slope of a motor by what its samples show.
+    fn follow(&mut self, law: &Law, i: usize, count: usize, turns: bool) {
+        let samples = self.samples.get(..=count).unwrap_or_default();
+        let [first, rest @ ..] = samples else { return };
+        let (mut last, mut before) = (first[i], 0);
+        let (mut lowest, mut highest, mut bent) = (i64::MAX, i64::MIN, 0);
+        for sample in rest {
+            let way = sample[i].wrapping_sub(last);
+            if lowest <= highest {
+                bent = way.abs_diff(before).max(bent);
+            }
+            lowest = lowest.min(way);
+            highest = highest.max(way);
+            (last, before) = (sample[i], way);
+        }
+        let (shortest, longest) = {
+            let (one, other) = (lowest.unsigned_abs(), highest.unsigned_abs());
+            if one < other { (one, other) } else { (other, one) }
+        };
+        let mut bulge = 0;
+        if turns {
+            if count > 1 {
+                self.straighten(law, i, bent);
+            }
+            let bend = self.curvature[i].times_up(self.stretch).shifted(-1);
+            // the law is rounded to a sixteenth nm or nrad
+            self.more[i] = law.per_unit(i).shifted(-4).times_up(self.per_stretch).plus_up(bend);
+            // half the curvature times the square of a stretch, Q32 steps
+            bulge = bend.times_up(self.stretch).ceil(32);
+            self.slope[i] = self.steepest(longest, i);
+        }
+        // where no stretch turns back its ends are its extremes
+        let one_way = lowest ^ highest >= 0 && (shortest / 2 > bulge || !turns);
+        let (low, high) = if one_way { self.between_ends(i) } else { self.between_samples(i, count, bulge) };
+        (self.range.lowest[i], self.range.highest[i]) = (low, high);
+        self.range.steps |= u8::from(low >> 32 != high >> 32) << i;
+    }
+
+    fn between_ends(&self, i: usize) -> (i64, i64) {
+        let [first, last] = &self.range.ends;
+        if first[i] < last[i] { (first[i], last[i]) } else { (last[i], first[i]) }
+    }
+
+    /// `bulge`: half of what a motor goes beyond its way over half a stretch.
+    #[inline(never)]
+    fn between_samples(&self, i: usize, count: usize, bulge: u64) -> (i64, i64) {
+        let mut range = self.between_ends(i);
+        for pair in self.samples.get(..=count).unwrap_or_default().windows(2) {
+            let [last, at] = pair else { continue };
+            let (lower, upper) = (last[i].min(at[i]), last[i].max(at[i]));
+            let beyond = if upper.abs_diff(lower) / 2 <= bulge { (bulge / 4 + 1) as i64 } else { 0 };
+            range = (range.0.min(lower - beyond), range.1.max(upper + beyond));
+        }
+        range
+    }
+
+    /// Lowers the curvature of a motor to what the largest second difference of its samples shows.
+    fn straighten(&mut self, law: &Law, i: usize, bent: u64) {
+        // it has four times the rounding of a sample
+        let sum = Rough::up(bent, 32).plus_up(law.per_unit(i).shifted(-2));
+        let shown = sum.times_up(self.per_stretch).times_up(self.per_stretch);
+        let apart = self.third[i].times_up(self.stretch).shifted(1);
+        self.curvature[i] = self.curvature[i].min(shown.plus_up(apart));
+    }
+
+    /// Slopes where nothing turns: the same everywhere, those of one path unit.
+    fn run_straight(&mut self, law: &Law, path: &Path) {
+        let at = |s| law.targets(&path.at(s), &mut Remembered::default()).0;
+        let [from, to] = if (path.from, path.to) == (0, PATH_ONE) { self.range.ends } else { [at(0), at(PATH_ONE)] };
+        const NOISE: u64 = 2;
+        for (slope, (to, from)) in self.slope.iter_mut().zip(to.iter().zip(&from)) {
+            let way = to.abs_diff(*from);
+            *slope = if way > NOISE { Rough::up(way + NOISE, 32) } else { Rough::ZERO };
+        }
+    }
+
+    /// |m'| within a stretch over which a motor goes by `way` (Q32 steps).
+    #[inline(never)]
+    fn steepest(&self, way: u64, i: usize) -> Rough {
+        Rough::up(way, 32).times_up(self.per_stretch).plus_up(self.more[i])
+    }
+
+    /// |m'| of a motor, steps per path unit, within the [`Bounds::stretches`] of which the farther ends are as many
+    /// stretches from one end of the path or the other.
+    pub fn slope_at(&self, distance: usize, i: usize) -> Rough {
+        let way = |k: usize| match self.samples.get(k..k + 2) {
+            Some([from, to]) => to[i].abs_diff(from[i]),
+            _ => 0,
+        };
+        self.steepest(way(distance - 1).max(way(self.stretches - distance)), i)
+    }
+
+    /// From now on the bounds while other tracks may turn by `others` nrad, which bends the path.
+    pub fn bend_by(&mut self, law: &Law, others: u64) {
+        if self.turning == 0 || others == 0 {
+            return;
+        }
+        let (angle, others) = (Rough::up(self.turning, 0), Rough::up(others, 0));
         for i in 0..AXES {
             // where others turn meanwhile the samples do not show all of the curvature, nor where it is steep
-            let hidden = self.bent[i] - self.curvature[i].min(self.bent[i]);
-            let hidden = product_q60(hidden, self.stretch) / 2 + 1;
+            let hidden = self.bent[i].times_up(self.stretch).shifted(-1);
             self.curvature[i] = self.bent[i];
-            let lever = if i < 3 { law.lever_nm() } else { second_nm(law.second_order_bound()) };
-            let more = in_steps(turned(turned(fine(lever), self.turning), others), law.step_q32(i));
-            self.slope[i] = self.slope[i].saturating_add(more).saturating_add(hidden);
+            let crossed = if i < 3 {
+                turned(turned(Rough::up(law.lever_nm(), 0), angle), others)
+            } else {
+                // what the second-order term makes of two angles is in nrad
+                turned(Rough::up(law.second_order_bound(), 32).times_up(angle), others)
+            };
+            let more = and_a_quarter(crossed).times_up(law.per_unit(i));
+            self.slope[i] = self.slope[i].plus_up(more).plus_up(hidden);
         }
-        self.ways.clear();
-        self
+        self.stretches = 0;
     }
 
     /// Angle by which the path turns in whole, nrad.
     pub fn swing(&self, path: &Path) -> u64 {
-        if self.turning == 0 { 0 } else { product_q60(self.turning, path.to - path.from) + 1 }
+        if self.turning == 0 {
+            return 0;
+        }
+        Rough::up(self.turning, 0).times_up(Rough::up(path.to.abs_diff(path.from), 60)).ceil(0).saturating_add(1)
     }
-}
-
-/// Slope of a motor that goes at most `way` (Q32 steps) over stretches of the path, steps per path unit in Q16. `noise`:
-/// the law's rounding, units in the last place where it is straight, a sixteenth nm or nrad where it turns.
-#[inline(never)]
-fn slope(way: u64, noise: u64, stretch: i64) -> u64 {
-    // Q32 steps over a stretch in Q60, to Q16 steps per path unit
-    wide::narrow(over_stretch((u128::from(way) + u128::from(noise)) << 44, stretch) + 1)
-}
-
-/// Division by the length of a stretch (Q60): a whole path is a power of two, and so is its eighth.
-fn over_stretch(value: u128, stretch: i64) -> u128 {
-    let stretch = stretch.unsigned_abs().max(1);
-    if stretch.is_power_of_two() { value >> stretch.trailing_zeros() } else { wide::div(value, stretch.into()) }
-}
-
-/// The second-order term (per radian, Q32) as a lever in nm: what it makes of two angles is in nrad.
-fn second_nm(second_q32: u64) -> u64 {
-    ((u128::from(second_q32) * 1_000_000_000) >> 32) as u64 + 1
-}
-
-/// Curvature (Q16) times half the square of a stretch (Q60): Q32 steps.
-fn bend_q32(curvature: u64, stretch: i64) -> u64 {
-    product_q60(product_q60(curvature, stretch), stretch).saturating_mul(1 << 15)
-}
-
-/// `value` times a path stretch in Q60.
-fn product_q60(value: u64, stretch: i64) -> u64 {
-    wide::mul_shift(value, stretch.unsigned_abs(), 60)
 }

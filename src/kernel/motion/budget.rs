@@ -3,8 +3,9 @@
 //! Every running track holds a share of every motor; a new one gets what is left and is never given more.
 //! A fixed part of each motor's limits is kept for taking up play.
 
-use super::bounds::{Bounds, MOST_STRETCHES, PATH_ONE};
+use super::bounds::{Bounds, MOST_STRETCHES};
 use super::ramp::Limits;
+use crate::units::rough::Rough;
 use crate::units::{AXES, SEGMENT_TICKS, TICKS_PER_SECOND, wide};
 
 /// Fractional bits of rates: steps (or nm, nrad) per segment, per segment squared and cubed.
@@ -78,16 +79,12 @@ impl Rates {
 /// A quarter of the duration, in segments, of a take-up of `width` steps within `reserve`
 /// (peaks 2 b/T, 8 b/T^2, 32 b/T^3 with T four quarters).
 pub fn take_up_quarter(width: u32, reserve: Rates) -> u32 {
-    let b = u128::from(width) << RATE_BITS;
-    let over = |rate: u64| wide::div_up(b, u128::from(rate.max(1)));
     // with T = 4 q: q >= b / (2 v), q^2 >= b / (2 a), q^3 >= b / (2 j)
-    let half = |value: u128| value.div_ceil(2);
-    let q1 = half(over(reserve.velocity));
-    let a = half(over(reserve.acceleration));
-    let q2 = u128::from(wide::isqrt(a)) + 1;
-    let j = half(over(reserve.jerk));
-    let q3 = u128::from(wide::cube_root(j)) + 1;
-    u32::try_from(q1.max(q2).max(q3)).unwrap_or(u32::MAX / 8).clamp(1, u32::MAX / 8)
+    let half = Rough::up(width.into(), 1);
+    let over = |rate: u64| half.over_up(Rough::down(rate.max(1), RATE_BITS as i32));
+    let (q1, q2) = (over(reserve.velocity), over(reserve.acceleration).root_up());
+    let q = q1.max(q2).max(over(reserve.jerk).cube_root_up()).ceil(0);
+    u32::try_from(q).unwrap_or(u32::MAX / 8).clamp(1, u32::MAX / 8)
 }
 
 /// Angular rates of a track, nrad per segment^k in Q20, summed over the rotary axes: what tracks that run at the
@@ -137,159 +134,149 @@ pub struct Grant {
     pub bent: u64,
 }
 
-/// value (Q16 per path unit) times rate (Q60): Q44, rounded up.
-fn times(value: u64, rate: i64) -> u64 {
-    wide::mul_shift(value, rate.unsigned_abs(), 32).saturating_add(1)
+/// Numbers that say what a motor or an axis may do, none above the exact one, per segment^k.
+#[derive(Clone, Copy, Debug, Default)]
+struct Least {
+    velocity: Rough,
+    acceleration: Rough,
+    jerk: Rough,
 }
 
-/// The smaller of `most` and of a quotient, rounded down; of two of the limits in Q60. `divisor` below 2^68.
-#[inline(never)]
-fn least(most: i64, dividend: u128, divisor: u128) -> i64 {
-    // most quotients are larger than the smallest one: a product says so for less than a division
-    if dividend >= u128::from(most.unsigned_abs()) * divisor { most } else { wide::div(dividend, divisor) as i64 }
+impl From<&Rates> for Least {
+    fn from(rates: &Rates) -> Self {
+        let rough = |rate| Rough::down(rate, RATE_BITS as i32);
+        Least { velocity: rough(rates.velocity), acceleration: rough(rates.acceleration), jerk: rough(rates.jerk) }
+    }
 }
 
-/// The smaller of `most` and of a rate (Q44) over a value (Q16 per path unit), Q60.
-fn least_rate(most: i64, rate: u64, value: u64) -> i64 {
-    least(most, u128::from(rate) << 32, value.into())
+/// A limit of the path parameter, Q60, and the same as a rough number, exactly.
+fn limit(rate: Rough) -> (i64, Rough) {
+    let whole = rate.min(Rough::ONE).floor(60).max(1);
+    (whole as i64, Rough::up(whole, 60))
 }
 
 impl Grant {
-    /// The fastest limits of a path whose motors stay within `available` and whose logical axes within `wanted`
-    /// (nm and nrad per segment^k; `ways`: |direction| of each axis, nm or nrad per path unit in Q16).
+    /// Becomes the fastest limits of a path whose motors stay within `available` and whose logical axes within `wanted`
+    /// (nm and nrad per segment^k), along `direction` (nm or nrad per path unit, Q32).
     pub fn within(
+        &mut self,
         bounds: &Bounds,
         available: &[Rates; AXES],
         wanted: &[Rates; AXES],
-        ways: &[u64; AXES],
+        direction: &[i64; AXES],
         others: Turning,
         crossed: &dyn Fn(usize, u128) -> u64,
-    ) -> Self {
-        const ONE: i64 = 1 << 60;
-        let (mut velocity, mut square, mut cube) = (ONE, ONE, ONE);
-        for i in 0..AXES {
-            velocity = least_rate(velocity, wanted[i].velocity, ways[i]);
+    ) {
+        let mut left = [Least::default(); AXES];
+        let (mut velocity, mut square, mut cube) = (Rough::ONE, Rough::ONE, Rough::ONE);
+        let (mut acceleration, mut jerk) = (Rough::ONE, Rough::ONE);
+        for (i, left) in left.iter_mut().enumerate() {
+            *left = Least::from(&available[i]);
+            if direction[i] != 0 {
+                let (way, wanted) = (Rough::up(direction[i].unsigned_abs(), 32), Least::from(&wanted[i]));
+                velocity = velocity.least(wanted.velocity, way);
+                acceleration = acceleration.least(wanted.acceleration, way);
+                jerk = jerk.least(wanted.jerk, way);
+            }
             // at most a quarter of the acceleration for curvature v^2, an eighth of the jerk for third v^3
-            square = least(square, u128::from(available[i].acceleration) << 30, bounds.curvature[i].into()); // Q60 / 4
-            cube = least(cube, u128::from(available[i].jerk) << 29, bounds.third[i].into()); // Q60 / 8
+            square = square.least(left.acceleration.shifted(-2), bounds.curvature[i]);
+            cube = cube.least(left.jerk.shifted(-3), bounds.third[i]);
         }
-        if square < ONE {
-            velocity = velocity.min(wide::isqrt(u128::from(square.unsigned_abs()) << 60) as i64);
-        }
-        if cube < ONE {
-            velocity = velocity.min((wide::cube_root(u128::from(cube.unsigned_abs()) << 60) << 20) as i64);
-        }
-        let velocity = not_too_steep(velocity, bounds, available);
-        let velocity = velocity.max(1);
-        let square = product_q60(velocity, velocity);
-        let cube = product_q60(velocity, square);
-        let turning_v = turning(bounds.turning, velocity);
+        velocity = velocity.min(square.root_down()).min(cube.cube_root_down());
+        let (whole, velocity) = limit(not_too_steep(velocity, bounds, &left));
+        self.limits.velocity = whole;
+        (self.swing, self.bent) = (0, 0);
+        self.turning.velocity = turning(bounds, velocity);
+        let square = velocity.times_up(velocity);
+        let alone = others.velocity == 0 || self.turning.velocity == 0;
         // two rotations at once: 2 r w1 w2 of acceleration on every linear motor, less on rotary ones
-        let crossed_a = |i: usize| {
-            if others.velocity == 0 || turning_v == 0 {
-                return 0;
+        let crossed_a = 2 * u128::from(self.turning.velocity) * u128::from(others.velocity);
+        for (i, left) in left.iter().enumerate() {
+            let own = bounds.curvature[i].times_up(square);
+            let mut bends = own.min(left.acceleration.shifted(-1));
+            let mut uses = own;
+            if !alone {
+                let crossed = Rough::up(crossed(i, crossed_a), RATE_BITS as i32);
+                (bends, uses) = (bends.plus_up(crossed), uses.plus_up(crossed));
             }
-            crossed(i, 2 * u128::from(turning_v) * u128::from(others.velocity))
-        };
-        let mut acceleration = ONE;
-        let (mut bends_a, mut bends_j) = ([0; AXES], [0; AXES]);
-        for i in 0..AXES {
-            let (own, crossed) = (times(bounds.curvature[i], square), crossed_a(i));
-            bends_a[i] = own + crossed;
-            let left = available[i].acceleration.saturating_sub(own.min(available[i].acceleration / 2) + crossed);
-            acceleration = least_rate(acceleration, left, bounds.slope[i]);
-            acceleration = least_rate(acceleration, wanted[i].acceleration, ways[i]);
-            if bounds.curvature[i] != 0 {
-                // 3 m'' v a at most a quarter of the jerk
-                let per = u128::from(times(bounds.curvature[i], velocity)) * 12; // Q44 per path unit of a
-                acceleration = least(acceleration, u128::from(available[i].jerk) << 60, per);
+            self.uses[i].acceleration = uses.ceil(RATE_BITS as i32);
+            acceleration = acceleration.least(left.acceleration.minus_down(bends), bounds.slope[i]);
+            // 3 m'' v a at most a quarter of the jerk
+            let per = bounds.curvature[i].times_up(velocity).times_up(TWELVE);
+            acceleration = acceleration.least(left.jerk, per);
+        }
+        let (whole, acceleration) = limit(acceleration);
+        self.limits.acceleration = whole;
+        self.turning.acceleration = turning(bounds, acceleration);
+        // 3 r (w1 a2 + a1 w2); the term 3 r w1 w2 (w1 + w2) is below a thousandth of it and covered by the quarter in `bent`
+        let crossed_j = 3
+            * (u128::from(self.turning.velocity) * u128::from(others.acceleration)
+                + u128::from(self.turning.acceleration) * u128::from(others.velocity));
+        let cube = velocity.times_up(square);
+        let mixed = velocity.times_up(acceleration).times_up(THREE);
+        for (i, left) in left.iter().enumerate() {
+            let mut bends = bounds.curvature[i].times_up(mixed).plus_up(bounds.third[i].times_up(cube));
+            if !alone {
+                bends = bends.plus_up(Rough::up(crossed(i, crossed_j), RATE_BITS as i32));
             }
+            self.uses[i].jerk = bends.ceil(RATE_BITS as i32);
+            jerk = jerk.least(left.jerk.minus_down(bends), bounds.slope[i]);
         }
-        let acceleration = acceleration.max(1);
-        let turning_a = turning(bounds.turning, acceleration);
-        let crossed_j = |i: usize| {
-            if others.velocity == 0 || turning_v == 0 {
-                return 0;
-            }
-            let (v1, v2) = (u128::from(turning_v), u128::from(others.velocity));
-            let (a1, a2) = (u128::from(turning_a), u128::from(others.acceleration));
-            // 3 r (w1 a2 + a1 w2); the term 3 r w1 w2 (w1 + w2) is below a thousandth of it and covered by the quarter in `bent`
-            crossed(i, 3 * (v1 * a2 + a1 * v2))
-        };
-        let mixed = product_q60(velocity, acceleration);
-        let mut jerk = ONE;
-        for i in 0..AXES {
-            let third = times(bounds.third[i], cube);
-            bends_j[i] = times(bounds.curvature[i], mixed).saturating_mul(3).saturating_add(third) + crossed_j(i);
-            let left = available[i].jerk.saturating_sub(bends_j[i]);
-            jerk = least_rate(jerk, left, bounds.slope[i]);
-            jerk = least_rate(jerk, wanted[i].jerk, ways[i]);
-        }
-        let jerk = jerk.max(1);
-        let mut uses = [Rates::default(); AXES];
-        for (i, rates) in uses.iter_mut().enumerate() {
-            *rates = Rates {
-                // where the path is steeper than the velocity allows it is slower, see `slow_near_rest`
-                velocity: times(bounds.slope[i], velocity).min(available[i].velocity),
-                acceleration: times(bounds.slope[i], acceleration) + bends_a[i],
-                jerk: times(bounds.slope[i], jerk).saturating_add(bends_j[i]),
-            };
-        }
-        Grant {
-            limits: Limits { velocity, acceleration, jerk },
-            uses,
-            turning: Turning { velocity: turning_v, acceleration: turning_a, jerk: turning(bounds.turning, jerk) },
-            swing: 0,
-            bent: 0,
+        let (whole, jerk) = limit(jerk);
+        self.limits.jerk = whole;
+        self.turning.jerk = turning(bounds, jerk);
+        for (i, uses) in self.uses.iter_mut().enumerate() {
+            let along = |rate| bounds.slope[i].times_up(rate).ceil(RATE_BITS as i32);
+            // where the path is steeper than the velocity allows it is slower, see `not_too_steep`
+            uses.velocity = along(velocity).min(available[i].velocity);
+            uses.acceleration = uses.acceleration.saturating_add(along(acceleration));
+            uses.jerk = uses.jerk.saturating_add(along(jerk));
         }
     }
 }
 
-/// The smaller of `most` and of the path velocity (Q60) at which no motor is too fast. A path from rest to rest whose
+const THREE: Rough = Rough::down(3, 0);
+const TWELVE: Rough = Rough::down(12, 0);
+
+/// The smaller of `most` and of the path velocity at which no motor is too fast. A path from rest to rest whose
 /// acceleration stays below a goes at most at sqrt(2 a d) where the nearer of its ends is d away: stretches that are
 /// steep, but too near to an end to be reached at full speed, do not slow it down.
-fn not_too_steep(most: i64, bounds: &Bounds, available: &[Rates; AXES]) -> i64 {
-    let near_rest = bounds.rests && !bounds.ways.is_empty();
+fn not_too_steep(most: Rough, bounds: &Bounds, lefts: &[Least; AXES]) -> Rough {
+    let near_rest = bounds.rests && bounds.stretches != 0;
     let mut velocity = most;
     let mut reached = None;
-    for i in 0..AXES {
-        let anywhere = least_rate(velocity, available[i].velocity, bounds.slope[i]);
+    for (i, left) in lefts.iter().enumerate() {
+        let anywhere = velocity.least(left.velocity, bounds.slope[i]);
         if anywhere == velocity || !near_rest {
             velocity = anywhere;
             continue;
         }
-        let reached = reached.get_or_insert_with(|| velocities_reached(bounds, available));
-        for (ways, reached) in bounds.ways.iter().zip(reached.iter()) {
-            let slope = bounds.slope_within(ways, i);
-            if times(slope, *reached) > available[i].velocity {
-                velocity = least_rate(velocity, available[i].velocity, slope);
+        let reached = reached.get_or_insert_with(|| velocities_reached(bounds, lefts));
+        for (distance, reached) in (1..=bounds.stretches / 2).zip(reached.iter()) {
+            let slope = bounds.slope_at(distance, i);
+            let lower = velocity.least(left.velocity, slope);
+            if lower < velocity && slope.times_up(*reached) > left.velocity {
+                velocity = lower;
             }
         }
     }
     velocity
 }
 
-/// The highest path velocity (Q60) in each stretch of a path from rest to rest.
-#[inline(never)]
-fn velocities_reached(bounds: &Bounds, available: &[Rates; AXES]) -> [i64; MOST_STRETCHES] {
-    const ONE: i64 = 1 << 60;
-    let count = bounds.ways.len();
+/// The highest path velocity in the stretches at each distance from the ends of a path from rest to rest.
+fn velocities_reached(bounds: &Bounds, lefts: &[Least; AXES]) -> [Rough; MOST_STRETCHES / 2] {
     // never less than the acceleration that will be granted
-    let most = (0..AXES).fold(ONE, |most, i| least_rate(most, available[i].acceleration, bounds.slope[i]));
-    let mut reached = [ONE; MOST_STRETCHES];
-    for (k, reached) in reached.iter_mut().enumerate().take(count) {
-        let distance = ((k + 1).min(count - k) as u64 * (PATH_ONE as u64 / count as u64)) + 2 * count as u64;
-        *reached = wide::isqrt(2 * u128::from(most.unsigned_abs()) * u128::from(distance)).min(ONE as u64) as i64;
-    }
-    reached
+    let least = |most: Rough, (i, left): (usize, &Least)| most.least(left.acceleration, bounds.slope[i]);
+    let most = lefts.iter().enumerate().fold(Rough::ONE, least).shifted(1);
+    let first = most.times_up(bounds.stretch).root_up();
+    ROOTS.map(|root| first.times_up(root))
 }
 
-/// nrad per path unit times a path rate in Q60: nrad in Q20, rounded up.
-fn turning(angle: u64, rate: i64) -> u64 {
-    if angle == 0 { 0 } else { wide::mul_shift(angle, rate.unsigned_abs(), 40).saturating_add(1) }
-}
+/// The roots of 1 to 4, not below them.
+const ROOTS: [Rough; MOST_STRETCHES / 2] =
+    [Rough::ONE, Rough::up(1_518_500_250, 30), Rough::up(1_859_775_394, 30), Rough::up(2, 0)];
 
-/// Product of two numbers in Q60 that are not negative, rounded down.
-fn product_q60(a: i64, b: i64) -> i64 {
-    wide::mul_shift(a.unsigned_abs(), b.unsigned_abs(), 60) as i64
+/// nrad per path unit times a path rate: nrad in Q20, rounded up.
+fn turning(bounds: &Bounds, rate: Rough) -> u64 {
+    Rough::up(bounds.turning, 0).times_up(rate).ceil(20)
 }

@@ -1,6 +1,6 @@
 //! What a motion may not exceed: soft limits of the logical axes, travel of the motors, enabled motors.
 
-use super::bounds::Bounds;
+use super::bounds::Range;
 use crate::compensation::law::{Law, Remembered};
 use crate::error::{Error, ErrorNumber};
 use crate::units::steps::steps_to_units;
@@ -101,20 +101,20 @@ impl Limits {
     ///
     /// # Errors
     /// -222 with the motor, its position and the end of its travel; 108 with the disabled axis.
-    pub fn check_motors(&self, law: &Law, bounds: &Bounds, starts_high: Option<bool>) -> Result<(), Error> {
+    pub fn check_motors(&self, law: &Law, range: &Range, starts_high: Option<bool>) -> Result<(), Error> {
         for axis in Axis::ALL {
             let i = axis.index();
             let own = &self.0[i];
-            if bounds.steps >> i & 1 != 0 && !own.enabled {
+            if range.steps >> i & 1 != 0 && !own.enabled {
                 return Err(Error::axis(ErrorNumber::AxisDisabled, axis));
             }
             if !own.homed {
                 continue;
             }
             let step = law.step_q32(i);
-            for extreme in [bounds.lowest[i] >> 32, bounds.highest[i] >> 32] {
+            for extreme in [range.lowest[i] >> 32, range.highest[i] >> 32] {
                 // from beyond the travel, as after another calibration, the way back in is free
-                let stands = starts_high.map(|high| bounds.ends[usize::from(high)][i] >> 32);
+                let stands = starts_high.map(|high| range.ends[usize::from(high)][i] >> 32);
                 if let Some((at, bound)) = own.leaves(extreme, step).filter(|_| stands != Some(extreme)) {
                     return Err(Error::limit(axis, at, bound, true));
                 }

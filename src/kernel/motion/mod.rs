@@ -16,7 +16,6 @@ pub mod plan;
 pub mod planner;
 pub mod profile;
 pub mod ramp;
-pub mod roots;
 mod search;
 mod sloped;
 pub mod track;

@@ -19,10 +19,19 @@ impl Point {
     /// After `n` segments in which the acceleration goes linearly to `a1`.
     #[inline(never)]
     pub fn after(self, n: u32, a1: i128) -> Option<Point> {
-        let dv = wide::times(self.a + a1, n)? >> 1;
-        let bend = wide::signed_div(wide::times(wide::times(2 * self.a + a1, n)?, n)?, 6);
-        let s = self.s.checked_add(wide::times(self.v, n)?)?.checked_add(bend)?;
-        let v = self.v + dv;
+        let mut s = wide::times(self.v, n)?;
+        let mut v = self.v;
+        if self.a == a1 {
+            if a1 != 0 {
+                let dv = wide::times(a1, n)?;
+                v += dv;
+                s = s.checked_add(wide::times(dv, n)? >> 1)?;
+            }
+        } else {
+            v += wide::times(self.a + a1, n)? >> 1;
+            s = s.checked_add(wide::sixth(wide::times(wide::times(2 * self.a + a1, n)?, n)?))?;
+        }
+        let s = self.s.checked_add(s)?;
         let sane = s.abs() < 1 << (BITS + 6) && v.abs() < 1 << (BITS + 3);
         sane.then_some(Point { s, v, a: a1 })
     }
@@ -42,8 +51,10 @@ impl Point {
 /// Phases under construction, in a frame that may be mirrored.
 #[derive(Clone, Copy)]
 pub(super) struct Path {
-    /// Acceleration at the end, segments, and the state at the start of each phase.
-    phases: [(u32, i128, Point); MAX_PHASES],
+    /// Segments of each phase.
+    lengths: [u32; MAX_PHASES],
+    /// The state at the start of each phase.
+    starts: [Point; MAX_PHASES],
     count: usize,
     /// The state reached.
     pub at: Point,
@@ -54,15 +65,16 @@ pub(super) struct Path {
 impl Path {
     #[inline(never)]
     pub fn new(at: Point) -> Path {
-        Path { phases: [(0, 0, Point::default()); MAX_PHASES], count: 0, at, time: 0 }
+        Path { lengths: [0; MAX_PHASES], starts: [Point { s: 0, v: 0, a: 0 }; MAX_PHASES], count: 0, at, time: 0 }
     }
 
     /// Goes to the acceleration `a1` in `n` segments.
     #[inline(never)]
     pub fn push(&mut self, n: u32, a1: i128) -> Option<()> {
         if n > 0 {
-            *self.phases.get_mut(self.count)? = (n, a1, self.at);
-            self.at = self.at.after(n, a1)?;
+            *self.lengths.get_mut(self.count)? = n;
+            let next = self.at.after(n, a1)?;
+            *self.starts.get_mut(self.count)? = core::mem::replace(&mut self.at, next);
             self.count += 1;
             self.time = segments(i128::from(self.time) + i128::from(n))?;
         }
@@ -81,14 +93,22 @@ impl Path {
         Some(())
     }
 
+    /// Segments, first and last state of each phase.
+    fn phases(&self) -> impl Iterator<Item = (u32, &Point, &Point)> {
+        let starts = self.starts.get(..self.count).unwrap_or_default();
+        let ends = starts.iter().skip(1).chain([&self.at]);
+        self.lengths.iter().zip(starts).zip(ends).map(|((n, from), to)| (*n, from, to))
+    }
+
     /// Whether every phase keeps the limits; `v_most` and `a_most` are those of this plan.
     pub fn keeps(&self, rates: &Rates, v_most: i128, a_most: i128) -> bool {
-        self.phases.iter().take(self.count).all(|&(n, a1, from)| {
+        self.phases().all(|(n, from, to)| {
+            let a1 = to.a;
             let jerk = (a1 - from.a).abs();
-            let crossing = (from.a < 0) != (a1 < 0) && from.a != 0 && a1 != 0;
+            let crossing = turns_round(from.a, a1);
             // Where the acceleration crosses zero the velocity has its extreme.
             let extreme = if crossing {
-                let own = Rates { j: wide::signed_div(jerk, i128::from(n.max(1))).max(1), ..*rates };
+                let own = Rates { j: wide::over_small(jerk, n.max(1)).max(1), ..*rates };
                 own.forced(from.a).map_or(i128::MAX, |dv| (from.v + dv).abs())
             } else {
                 from.v.abs()
@@ -97,28 +117,29 @@ impl Path {
         })
     }
 
-    /// The profile, ending exactly at `end` (Q60), mirrored if `sign` is −1.
-    pub fn finish(&self, start: i64, end: i64, end_velocity: i64, sign: i128) -> Option<Profile> {
+    /// The profile, ending exactly at `end` (Q60), mirrored if it is to go `back`. What is not one is left unfinished.
+    pub fn finish(&self, start: i64, end: i64, end_velocity: i64, back: bool, profile: &mut Profile) -> Option<()> {
         let goal = (i128::from(end) - i128::from(start)) << FROM_Q60;
-        if (sign * self.at.s - goal).abs() > 1 << (BITS - 57) {
+        if (wide::turned(self.at.s, back) - goal).abs() > 1 << (BITS - 57) {
             return None;
         }
-        let mut profile =
-            Profile { duration: self.time, last: end, end_position: end, end_velocity, ..Profile::default() };
         let mut time = 0;
-        for (phase, &(n, a1, from)) in profile.phases.iter_mut().zip(&self.phases).take(self.count) {
+        for (phase, (n, from, to)) in profile.phases.iter_mut().zip(self.phases()) {
             time += n;
-            *phase = cubic(n, time, start, sign, from, a1)?;
+            cubic(phase, n, start, back, from, to)?;
+            phase.end = time;
         }
         profile.count = self.count as u8;
-        Some(profile)
+        (profile.duration, profile.last) = (self.time, end);
+        (profile.end_position, profile.end_velocity) = (end, end_velocity);
+        Some(())
     }
 
     /// The same path seen from the other side.
     pub fn mirrored(mut self) -> Path {
         let flip = |at: Point| Point { s: -at.s, v: -at.v, a: -at.a };
-        for phase in &mut self.phases {
-            *phase = (phase.0, -phase.1, flip(phase.2));
+        for start in &mut self.starts {
+            *start = flip(*start);
         }
         self.at = flip(self.at);
         self
@@ -130,41 +151,62 @@ fn round(x: i128, bits: u32) -> i128 {
     (x + (1 << (bits - 1))) >> bits
 }
 
-/// `x * 2^up`, where it leaves room.
-#[inline(never)]
-fn fits(x: i128, up: u32) -> Option<i128> {
-    (x.unsigned_abs().leading_zeros() > up + 3).then(|| x << up)
+/// Whether one is above zero and the other below.
+fn turns_round(a: i128, b: i128) -> bool {
+    (a ^ b) < 0 && a != 0 && b != 0
 }
 
-/// A coefficient: three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
+/// What a coefficient must stay below: three terms below 10 cannot overflow the sums of Horner's scheme at ±32.
+const STEEPEST: u64 = 10 << COEFFICIENT_BITS;
+
+/// `x * 2^up` as a coefficient, to nearest.
 #[inline(never)]
-fn narrow(x: i128) -> Option<i64> {
-    let term = round(x, BITS - COEFFICIENT_BITS);
-    (term.abs() < 10 << COEFFICIENT_BITS).then_some(term as i64)
+fn coefficient(x: i128, up: i32) -> Option<i64> {
+    if x == 0 {
+        return Some(0);
+    }
+    let size = x.unsigned_abs();
+    let down = (BITS - COEFFICIENT_BITS) as i32 - up;
+    if size.leading_zeros() as i32 + down <= 64 {
+        return None;
+    }
+    let term = match down {
+        128.. => 0,
+        1.. => (((size >> (down - 1)) as u64) + 1) >> 1,
+        _ => (size << -down) as u64,
+    };
+    (term < STEEPEST).then_some(if x < 0 { -(term as i64) } else { term as i64 })
 }
 
 /// The coefficients of one phase, refused where evaluation could leave an i64.
 #[inline(never)]
-pub(super) fn cubic(n: u32, end: u32, start: i64, sign: i128, from: Point, a1: i128) -> Option<Phase> {
+fn cubic(phase: &mut Phase, n: u32, start: i64, back: bool, from: &Point, to: &Point) -> Option<()> {
     // At least 1: a shift by 32 has no meaning in u32.
-    let k = (32 - n.saturating_sub(1).leading_zeros()).max(1);
-    let narrow = |x: i128| narrow(sign * x);
-    let c1 = fits(from.v, k)?;
-    let c2 = fits(from.a, 2 * k)? / 2;
-    // Ten of the guard bits are enough below and leave room for 2^K above.
-    let steep = round(fits(a1 - from.a, 2 * k)?, 36);
-    let c3 = fits(wide::signed_div(fits(steep, k)?, 6 * i128::from(n.max(1))), 36)?;
-    let terms = [narrow(c1)?, narrow(c2)?, narrow(c3)?];
-    let c0 = i64::try_from(i128::from(start) + round(sign * from.s, FROM_Q60)).ok()?;
+    let k = (32 - n.saturating_sub(1).leading_zeros()).max(1) as i32;
+    let c1 = coefficient(from.v, k)?;
+    let c2 = coefficient(from.a, 2 * k - 1)?;
+    let rise = to.a - from.a;
+    let c3 = if rise == 0 {
+        0
+    } else {
+        // 96 bits over 34 at most are as fine as a coefficient
+        let up = rise.unsigned_abs().leading_zeros().saturating_sub(32);
+        let sixth = match n.checked_mul(6) {
+            Some(by) => wide::over_small(rise << up, by),
+            None => wide::sixth(wide::over_small(rise << up, n)),
+        };
+        coefficient(sixth, 3 * k - up as i32)?
+    };
+    let c0 = i64::try_from(i128::from(start) + round(wide::turned(from.s, back), FROM_Q60)).ok()?;
     // How far a phase can lead beyond its borders: not at all where it is monotone; by less than
     // v0·n where only the velocity changes its sign.
-    let drift = wide::times(from.v.abs(), n)?;
-    let bend = wide::times(wide::times(from.a.abs().max(a1.abs()), n)?, n)? / 2;
-    let near = if from.a.signum() * a1.signum() < 0 {
+    let swings = turns_round(from.a, to.a);
+    let near = !swings && !turns_round(from.v, to.v) || {
+        let drift = wide::times(from.v.abs(), n)?;
+        let bend = if swings { wide::times(wide::times(from.a.abs().max(to.a.abs()), n)?, n)? / 2 } else { 0 };
         drift.checked_add(bend)? < ROOM
-    } else {
-        drift < ROOM || from.v.signum() * from.after(n, a1)?.v.signum() >= 0
     };
-    let inside = c0.abs() <= FARTHEST && near;
-    inside.then_some(Phase { end, shift: (32 - k) as u8, c: [c0, terms[0], terms[1], terms[2]] })
+    let turned = |c: i64| if back { -c } else { c };
+    (phase.shift, phase.c) = ((32 - k) as u8, [c0, turned(c1), turned(c2), turned(c3)]);
+    (c0.abs() <= FARTHEST && near).then_some(())
 }

@@ -10,8 +10,8 @@
 
 use super::path::{Path, Point};
 use super::profile::{Profile, State};
-use super::ramp::{FARTHEST, FROM_Q60, FROM_Q90, Limits, Rates, Unplannable, segments};
-use super::roots::{cbrt_up, sqrt_up};
+use super::ramp::{FARTHEST, FROM_Q60, FROM_Q90, Limits, Rates, Unplannable, segments, whole};
+use crate::units::rough::Rough;
 use crate::units::wide;
 
 /// Longest continuation of a jog behind its ramp, in segments.
@@ -27,7 +27,8 @@ const RUN_ON_ROOM: i128 = 1 << 56;
 /// segments or until just before ±4 path, and then stands: the caller re-plans before that.
 /// `v1` beyond the velocity limit is cut to it.
 pub fn to_velocity(state: State, v1: i64, limits: Limits) -> Result<Profile, Unplannable> {
-    velocity_profile(state, v1, limits).ok_or(Unplannable)
+    let mut profile = Profile::default();
+    velocity_profile(state, v1, limits, &mut profile).map(|()| profile).ok_or(Unplannable)
 }
 
 /// Moves to `target` (path, Q60) and ends there at rest, exactly, from any state.
@@ -35,7 +36,8 @@ pub fn to_velocity(state: State, v1: i64, limits: Limits) -> Result<Profile, Unp
 /// Faster than the velocity limit, the profile first decelerates to it; too fast to stop before
 /// the target, it overshoots and returns.
 pub fn to_position(state: State, target: i64, limits: Limits) -> Result<Profile, Unplannable> {
-    position_profile(state, target, limits).ok_or(Unplannable)
+    let mut profile = Profile::default();
+    position_profile(state, target, limits, &mut profile).map(|()| profile).ok_or(Unplannable)
 }
 
 /// The start of a plan at path 0, refused where later sums could overflow.
@@ -46,7 +48,8 @@ fn start(state: State) -> Option<Point> {
     ok.then_some(Point { s: 0, v: state.velocity << FROM_Q90, a: state.acceleration << FROM_Q90 })
 }
 
-fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
+/// [`to_velocity`], written over another profile: without a copy.
+pub(super) fn velocity_profile(state: State, v1: i64, limits: Limits, profile: &mut Profile) -> Option<()> {
     let from = start(state)?;
     let rates = Rates::of(limits)?.usable(from);
     let v1 = v1.clamp(-limits.velocity, limits.velocity);
@@ -57,13 +60,14 @@ fn velocity_profile(state: State, v1: i64, limits: Limits) -> Option<Profile> {
     path.at.s = (i128::from(end) - i128::from(state.position)) << FROM_Q60;
     let duration = path.time;
     if v1 != 0 {
-        let room = i128::from(FARTHEST) - RUN_ON_ROOM - i128::from(v1.signum()) * i128::from(end);
+        let room = i128::from(FARTHEST) - RUN_ON_ROOM - wide::turned(end.into(), v1 < 0);
         let n = wide::signed_div(room.max(0), i128::from(v1.abs())).min(RUN_ON);
         path.push(segments(n)?, 0)?;
     }
     let last = state.position as i128 + (path.at.s >> FROM_Q60);
-    let profile = path.finish(state.position, i64::try_from(last).ok()?, v1, 1)?;
-    Some(Profile { duration, end_position: end, ..profile })
+    path.finish(state.position, i64::try_from(last).ok()?, v1, false, profile)?;
+    (profile.duration, profile.end_position) = (duration, end);
+    Some(())
 }
 
 /// The path of a velocity change.
@@ -95,9 +99,8 @@ fn quick_change(from: Point, v1: i128, rates: &Rates, lead: bool) -> Option<Path
 /// Takes the acceleration through zero at exactly full jerk: any milder slope would let the
 /// velocity rise above what the state forces.
 pub(super) fn lead_in(path: &mut Path, rates: &Rates) -> Option<()> {
-    let a = path.at.a;
-    let n = wide::signed_div_up(a.abs(), rates.j);
-    path.push(segments(n)?, a - a.signum() * rates.j.checked_mul(n)?)
+    let (n, swing) = rates.through_zero(path.at.a)?;
+    path.push(n, swing)
 }
 
 /// The path that only takes the acceleration to zero: always possible.
@@ -109,17 +112,16 @@ fn settled(from: Point, rates: &Rates, v_most: i128) -> Option<Path> {
     if from.a == 0 {
         return Some(Path::new(from));
     }
-    let n = wide::signed_div_up(from.a.abs(), rates.j);
-    let swing = from.a - from.a.signum() * rates.j.checked_mul(n)?;
+    let (n, swing) = rates.through_zero(from.a)?;
     let a_most = rates.a.max(from.a.abs());
     let mut found = None;
     // The ninth way stops one segment short at full jerk and rounds that one off.
     for eighths in [0, 4, 8, 6, 7, 5, 2, 3, 1, 9] {
         let mut path = Path::new(from);
         if eighths == 9 {
-            path.push(segments(n - 1)?, swing + from.a.signum() * rates.j)?;
+            path.push(n - 1, swing + wide::turned(rates.j, from.a < 0))?;
         } else {
-            path.push(segments(n)?, swing / 8 * eighths)?;
+            path.push(n, wide::times(swing >> 3, eighths)?)?;
         }
         if path.at.a != 0 {
             path.push(1, 0)?;
@@ -137,11 +139,11 @@ fn most(from: Point, rates: &Rates) -> Option<i128> {
     let forced = (from.v + rates.forced(from.a)?).abs();
     let most = rates.v.max(from.v.abs()).max(forced);
     // What the rounding of `forced` and of the state can add.
-    Some(most + (most >> 40) + (1 << 30))
+    Some(most + (most >> 28) + (1 << 30))
 }
 
-/// [`to_position`] without the copy that another type of answer takes.
-pub(super) fn position_profile(state: State, target: i64, limits: Limits) -> Option<Profile> {
+/// [`to_position`], written over another profile: without a copy.
+pub(super) fn position_profile(state: State, target: i64, limits: Limits, profile: &mut Profile) -> Option<()> {
     let from = start(state)?;
     let rates = Rates::of(limits)?.usable(from);
     if target.abs() > FARTHEST {
@@ -153,35 +155,47 @@ pub(super) fn position_profile(state: State, target: i64, limits: Limits) -> Opt
         if way != 0 {
             rest_to_rest(&mut path, way.abs(), &rates)?;
         }
-        return path.finish(state.position, target, 0, if way < 0 { -1 } else { 1 });
+        return path.finish(state.position, target, 0, way < 0, profile);
     }
     let stop = change(from, 0, &rates)?;
     let rest = way - stop.at.s;
     if rest == 0 {
-        return stop.finish(state.position, target, 0, 1);
+        return stop.finish(state.position, target, 0, false, profile);
     }
     let v_most = most(from, &rates)?;
     let a_most = rates.a.max(from.a.abs());
-    let sign = rest.signum();
-    let mirrored = Point { s: 0, v: sign * from.v, a: sign * from.a };
-    let finish = |path: Path, sign| path.finish(state.position, target, 0, sign);
-    let direct = |lead| {
-        super::search::direct(Path::new(mirrored), sign * way, rates, lead)
-            .filter(|path| path.keeps(&rates, v_most, a_most))
-            .and_then(|path| Some((path.time, finish(path, sign)?)))
+    let back = rest < 0;
+    let mirrored = Point { s: 0, v: wide::turned(from.v, back), a: wide::turned(from.a, back) };
+    let way = wide::turned(way, back);
+    let keeps = |path: &Path| path.keeps(&rates, v_most, a_most);
+    let mut found = None;
+    // The shortest of them, the first of equals.
+    let mut consider = |path: Path| {
+        if found.is_none_or(|time| path.time < time) {
+            let mut candidate = Profile::default();
+            if path.finish(state.position, target, 0, back, &mut candidate).is_some() {
+                *profile = candidate;
+                found = Some(path.time);
+            }
+        }
     };
-    let led = if from.a == 0 { None } else { direct(true) };
+    for lead in [false, true] {
+        if !lead || from.a != 0 {
+            let direct = super::search::direct(Path::new(mirrored), way, rates, lead);
+            direct.filter(keeps).into_iter().for_each(&mut consider);
+        }
+    }
     // Where a stop ends almost at the target, bending it there beats every other way.
-    let bent = (rest.abs() < stop.at.s.abs())
-        .then(|| super::sloped::stop(Path::new(mirrored), sign * way, &rates))
-        .flatten()
-        .filter(|path| path.keeps(&rates, v_most, a_most))
-        .and_then(|path| Some((path.time, finish(path, sign)?)));
+    if rest.abs() < stop.at.s.abs() {
+        let bent = super::sloped::stop(Path::new(mirrored), way, &rates);
+        bent.filter(keeps).into_iter().for_each(&mut consider);
+    }
     // Stop, then go: always possible, and the better way when the rest is tiny.
-    let mut detour = if sign < 0 { stop.mirrored() } else { stop };
-    let detour =
-        rest_to_rest(&mut detour, rest.abs(), &rates).and_then(|()| Some((detour.time, finish(detour, sign)?)));
-    [direct(false), led, bent, detour].into_iter().flatten().min_by_key(|found| found.0).map(|found| found.1)
+    let mut detour = if back { stop.mirrored() } else { stop };
+    if rest_to_rest(&mut detour, rest.abs(), &rates).is_some() {
+        consider(detour);
+    }
+    found.map(|_| ())
 }
 
 /// From rest to rest over `way > 0`.
@@ -189,37 +203,37 @@ pub(super) fn position_profile(state: State, target: i64, limits: Limits) -> Opt
 /// The velocity is `way` smoothed by three boxes of p <= q segments and r >= p + q: r bounds the
 /// velocity (way / r), q·r the acceleration and p·q·r the jerk.
 fn rest_to_rest(path: &mut Path, way: i128, rates: &Rates) -> Option<()> {
-    let (v, a, j) = (rates.v.unsigned_abs(), rates.a.unsigned_abs(), rates.j.unsigned_abs());
-    let d = way.unsigned_abs();
-    let jerky = cbrt_up(wide::div_up(4 * d, j));
-    let mut r = wide::div_up(d, v).max(u128::from(jerky));
+    let [v, a, j] = [rates.v, rates.a, rates.j].map(|rate| Rough::wide_down(rate.unsigned_abs()));
+    let d = Rough::wide_up(way.unsigned_abs());
+    let up = |time: Rough| whole(time.ceil(0));
+    let jerky = up(d.shifted(2).over_up(j).cube_root_up())?;
+    let mut r = up(d.over_up(v))?.max(jerky);
     // Half of that r at full jerk would exceed the acceleration limit: it is held instead.
-    if u128::from(jerky).checked_mul(j)? > 2 * a {
-        let p = wide::div(a << 8, j);
-        let hold = p.checked_mul(p)?.checked_add(wide::div_up(4 * d, a) << 16)?;
-        r = r.max((p + u128::from(wide::isqrt(hold))).div_ceil(512));
+    if Rough::up(jerky.into(), 0).times_up(j) > a.shifted(1) {
+        let p = a.over_up(j);
+        let hold = p.times_up(p).plus_up(d.shifted(2).over_up(a));
+        r = r.max(up(p.plus_up(hold.root_up()).shifted(-1))?);
     }
     for _ in 0..8 {
-        let hold = wide::div_up(d, wide::product(a, r)?);
-        let jr = wide::product(j, r)?;
-        let q = hold.max(sqrt_up(wide::div_up(d, jr)));
-        let p = wide::div_up(d, wide::product(jr, q).unwrap_or(u128::MAX));
-        if p + q <= r {
-            let cruise = wide::signed_div(way, r as i128);
-            let peak = wide::signed_div(cruise, q as i128);
-            let [pn, hold, cruising] = [p, q - p, r - p - q].map(|n| segments(n as i128));
-            let (pn, hold, cruising) = (pn?, hold?, cruising?);
-            for (n, a1) in [(pn, peak), (hold, peak), (pn, 0)] {
+        // at most what the limits would be with these durations
+        let over = |rate: Rough, n: u32| d.over_up(rate.times_down(Rough::down(n.into(), 0)));
+        let q = up(over(a, r))?.max(up(over(j, r).root_up())?);
+        let p = up(over(j, r).over_up(Rough::down(q.into(), 0)))?;
+        if u64::from(p) + u64::from(q) <= u64::from(r) {
+            let cruise = wide::over_small(way, r);
+            let peak = wide::over_small(cruise, q);
+            let (hold, cruising) = (q.checked_sub(p)?, r - p - q);
+            for (n, a1) in [(p, peak), (hold, peak), (p, 0)] {
                 path.push(n, a1)?;
             }
             path.at.v = cruise;
-            for (n, a1) in [(cruising, 0), (pn, -peak), (hold, -peak), (pn, 0)] {
+            for (n, a1) in [(cruising, 0), (p, -peak), (hold, -peak), (p, 0)] {
                 path.push(n, a1)?;
             }
             path.at.v = 0;
             return Some(());
         }
-        r = p + q;
+        r = p.checked_add(q)?;
     }
     None
 }

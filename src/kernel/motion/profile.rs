@@ -3,6 +3,8 @@
 //! A phase is a cubic in `tau = n / 2^K`, where `n` counts segments from the start of the phase
 //! and `2^K` is at least its length: tau is exact in 32 bits, and the products stay i64 × u32.
 
+use crate::units::wide;
+
 /// Most phases a profile can have: lead-in, settling, stop (3) and rest-to-rest move (7).
 pub const MAX_PHASES: usize = 12;
 
@@ -43,8 +45,9 @@ pub(super) struct Phase {
 ///
 /// Beyond the end of a profile that ends at rest stands the exact end position. A jog profile
 /// goes on at its end velocity; see [`super::plan::to_velocity`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Profile {
+    /// Behind the last of `count` stands what was there before: profiles are made over others.
     pub(super) phases: [Phase; MAX_PHASES],
     pub(super) count: u8,
     /// Segments until the goal is reached.
@@ -113,13 +116,15 @@ impl Profile {
         let index = usize::from(cursor).min(MAX_PHASES - 1);
         let start = if index > 0 { self.phases[index - 1].end } else { 0 };
         let phase = &self.phases[index];
-        let tau = i128::from((n - start) << phase.shift);
+        let tau = (n - start) << phase.shift;
+        // never beyond 128 bits: three of 64, 32 and 32
+        let by_tau = |x: i128| wide::times(x, tau).unwrap_or(0);
         let [_, c1, c2, c3] = phase.c.map(i128::from);
         let k = 32 - u32::from(phase.shift);
         // Q58 with the 32 bits of tau is Q90.
-        let cubic = (((3 * c3 * tau) >> 16) * tau) >> 16;
-        let velocity = ((c1 << 32) + 2 * c2 * tau + cubic) >> k;
-        let acceleration = ((c2 << 33) + 6 * c3 * tau) >> (2 * k);
+        let steep = by_tau(c3) * 3;
+        let velocity = ((c1 << 32) + 2 * by_tau(c2) + (by_tau(steep >> 16) >> 16)) >> k;
+        let acceleration = ((c2 << 33) + 2 * steep) >> (2 * k);
         State { position, velocity, acceleration }
     }
 

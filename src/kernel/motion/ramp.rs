@@ -5,7 +5,7 @@
 //! follows exactly from the velocity difference and can only be milder than the ideal one.
 
 use super::path::Point;
-use super::roots::sqrt_up;
+use crate::units::rough::Rough;
 use crate::units::wide;
 
 /// Fractional bits inside the planner. An acceleration that is off by 2^-105 for 2^24 segments
@@ -15,8 +15,8 @@ pub(super) const BITS: u32 = 104;
 pub(super) const FROM_Q60: u32 = BITS - 60;
 /// From Q90 to the planner's numbers.
 pub(super) const FROM_Q90: u32 = BITS - 90;
-/// Longest profile in segments (152 hours).
-pub(super) const LONGEST: i128 = 1 << 31;
+/// Longest profile in segments (76 hours).
+pub(super) const LONGEST: u64 = 1 << 31;
 /// Largest magnitude of a position at a phase border, Q60.
 pub(super) const FARTHEST: i64 = 4 << 60;
 
@@ -58,21 +58,19 @@ impl Rates {
         Rates { a, j: self.j.min(a.max(from.a.abs())), ..self }
     }
 
-    /// Velocity change while `a` falls to zero at full jerk: a·|a| / 2J, to 2^-48.
+    /// Velocity change while `a` falls to zero at full jerk: a·|a| / 2J, to 2^-29.
     #[inline(never)]
     pub fn forced(&self, a: i128) -> Option<i128> {
-        let bits = |x: u128| 128 - x.leading_zeros();
-        let a_shift = bits(a.unsigned_abs()).saturating_sub(62);
-        let j_shift = bits(self.j.unsigned_abs()).saturating_sub(50);
-        let a_short = a.unsigned_abs() >> a_shift;
-        let ratio = wide::div(a_short * a_short, 2 * (self.j.unsigned_abs() >> j_shift));
-        let size = if 2 * a_shift >= j_shift {
-            let up = 2 * a_shift - j_shift;
-            (bits(ratio) + up <= BITS + 6).then(|| ratio << up)?
-        } else {
-            ratio >> (j_shift - 2 * a_shift).min(127)
-        };
-        Some(a.signum() * size as i128)
+        let [size, jerk] = [a, self.j].map(|x| Rough::wide_down(x.unsigned_abs()));
+        let change = size.times_down(size).over_down(jerk).shifted(-1);
+        Some(wide::turned(change.wide_floor(BITS + 6)? as i128, a < 0))
+    }
+
+    /// Segments in which full jerk takes an acceleration to zero, rounded up, and what it is then.
+    #[inline(never)]
+    pub fn through_zero(&self, a: i128) -> Option<(u32, i128)> {
+        let n = segments(wide::signed_div_up(a.abs(), self.j))?;
+        Some((n, a - wide::turned(wide::times(self.j, n)?, a < 0)))
     }
 
     /// Segments of a symmetric ramp over `dv` that starts and ends without acceleration.
@@ -82,10 +80,11 @@ impl Rates {
         if dv == 0 {
             return Some([0; 3]);
         }
-        let (a, j) = (self.a.unsigned_abs(), self.j.unsigned_abs());
-        let q = wide::div_up(dv, a).max(sqrt_up(wide::div_up(dv, j)));
-        let p = wide::div_up(dv, wide::product(j, q)?);
-        Some([segments(p as i128)?, segments((q - p) as i128)?, segments(p as i128)?])
+        let (dv, a) = (Rough::wide_up(dv), Rough::wide_down(self.a.unsigned_abs()));
+        let j = Rough::wide_down(self.j.unsigned_abs());
+        let q = dv.over_up(a).ceil(0).max(dv.over_up(j).root_up().ceil(0));
+        let p = dv.over_up(j.times_down(Rough::down(q, 0))).ceil(0);
+        Some([whole(p)?, whole(q)?.checked_sub(whole(p)?)?, whole(p)?])
     }
 
     /// Segments of the ramp from `(v0, a0)` to `(v1, 0)`.
@@ -95,24 +94,25 @@ impl Rates {
             return self.symmetric(v1 - v0);
         }
         let free = v0 + self.forced(a0)?;
-        let sign = if v1 >= free { 1 } else { -1 };
-        let (a0, dv) = (sign * a0, sign * (v1 - v0));
-        // Times in Q16, their squares in Q32.
-        let t0 = ratio(a0, self.j, 16)?;
-        let t0_squared = wide::signed_product(t0, t0)?;
-        let square = (ratio(dv, self.j, 32)? + t0_squared / 2).max(0);
-        let peak = sqrt_up(square as u128) as i128;
-        let most = ratio(self.a, self.j, 16).unwrap_or(i128::MAX);
-        let mut n = [0i128; 3];
-        if peak <= most {
-            n = [up16((peak - t0).max(0)), 0, up16(peak)];
+        let (a0, dv) = (wide::turned(a0, v1 < free), wide::turned(v1 - v0, v1 < free));
+        let over =
+            |x: i128, by: i128| Rough::wide_down(x.unsigned_abs()).over_down(Rough::wide_down(by.unsigned_abs()));
+        // Times, in segments, and their squares.
+        let t0 = over(a0, self.j);
+        let less = |t: Rough| if a0 < 0 { t.plus_up(t0) } else { t.minus_down(t0) };
+        let half = t0.times_down(t0).shifted(-1);
+        let square = over(dv, self.j);
+        let square = if dv < 0 { half.minus_down(square) } else { half.plus_up(square) };
+        let peak = square.root_up();
+        let most = over(self.a, self.j);
+        let n = if peak <= most {
+            [nearly(less(peak))?, 0, nearly(peak)?]
         } else {
-            n[0] = up16((most - t0).abs());
-            n[2] = up16(most);
-            let rest = 2 * dv - wide::signed_product(a0 + self.a, n[0])? - wide::signed_product(self.a, n[2])?;
-            n[1] = wide::signed_div_up(rest, 2 * self.a).max(0);
-        }
-        let n = [segments(n[0])?, segments(n[1])?, segments(n[2])?];
+            let apart = if a0 > 0 && t0 > most { t0.minus_down(most) } else { less(most) };
+            let (first, last) = (nearly(apart)?, nearly(most)?);
+            let rest = 2 * dv - wide::times(a0 + self.a, first)? - wide::times(self.a, last)?;
+            [first, if rest > 0 { nearly(over(rest, 2 * self.a))? } else { 0 }, last]
+        };
         self.relax(a0, dv, n)
     }
 
@@ -201,24 +201,20 @@ impl Rates {
     }
 }
 
-/// `num / den` with `bits` (at most 32) fractional bits; the last 12 of 32 are not computed.
-#[inline(never)]
-fn ratio(num: i128, den: i128, bits: u32) -> Option<i128> {
-    let (whole, rest) = wide::signed_div_rem(num, den);
-    let fine = bits.min(20);
-    let fraction = wide::signed_div(rest << fine, den);
-    (whole.abs() < 1 << 80).then(|| (whole << bits) + (fraction << (bits - fine)))
-}
-
-/// Q16 rounded up to whole segments. The ratios were truncated: a hair is forgiven, [`Rates::relax`]
-/// checks.
-fn up16(t: i128) -> i128 {
-    (t + 0xffff - 8) >> 16
+/// Rounded up to whole segments. What is rounded were quotients of their own: a hair is forgiven, [`Rates::relax`] checks.
+fn nearly(t: Rough) -> Option<u32> {
+    const HAIR: Rough = Rough::ONE.shifted(-13);
+    whole(t.minus_down(HAIR).ceil(0))
 }
 
 /// A count of segments, refused beyond [`LONGEST`].
 pub(super) fn segments(n: i128) -> Option<u32> {
-    (0..=LONGEST).contains(&n).then_some(n as u32)
+    (0..=i128::from(LONGEST)).contains(&n).then_some(n as u32)
+}
+
+/// The same.
+pub(super) fn whole(n: u64) -> Option<u32> {
+    (n <= LONGEST).then_some(n as u32)
 }
 
 /// The peak acceleration of a ramp over `dv` with these durations.

@@ -88,7 +88,17 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
     // Hardly anything to gain from a rise: the stop alone may fit better.
     let level = super::sloped::cruise(path, free, way, &rates);
     let stop = super::sloped::stop(path, way, &rates);
-    [found, level, stop].into_iter().flatten().min_by_key(|path| path.time)
+    shorter(shorter(found, level), stop)
+}
+
+/// The one that takes less time, the first of equals.
+#[inline(never)]
+fn shorter(first: Option<Path>, second: Option<Path>) -> Option<Path> {
+    match (&first, &second) {
+        (Some(one), Some(other)) if other.time < one.time => second,
+        (None, _) => second,
+        _ => first,
+    }
 }
 
 /// Fixes the durations for a cruise velocity near `wanted` and solves the rest exactly.
@@ -106,7 +116,7 @@ fn cruise_at(path: Path, wanted: i128, way: i128, rates: &Rates) -> Option<Path>
     }
     // Ramps to a velocity a little lower can cost more than the cruise gives.
     let sloped = super::sloped::cruise(path, wanted, way, rates);
-    [near, sloped].into_iter().flatten().min_by_key(|path| path.time)
+    shorter(near, sloped)
 }
 
 /// The solution in which the cruise velocity absorbs the rounding of the durations.
@@ -176,7 +186,7 @@ pub(super) fn solve(f: &dyn Fn(i128) -> Option<i128>, mut x: i128, goal: i128) -
 fn ease(path: Path, way: i128, rates: &Rates) -> Option<Path> {
     let at = path.at;
     let most = segments(wide::signed_div(at.a.abs(), rates.j))?;
-    let eased = |m: u32| at.after(m, at.a + rates.j * i128::from(m));
+    let eased = |m: u32| at.after(m, at.a + wide::times(rates.j, m)?);
     let stop = |m: u32| -> Option<([u32; 3], i128)> {
         let point = eased(m)?;
         let n = rates.ramp(point.v, point.a, 0)?;
@@ -208,9 +218,9 @@ fn ease(path: Path, way: i128, rates: &Rates) -> Option<Path> {
     // Easing at full jerk, and a sloped stop for the rest.
     for m in [low, low.saturating_sub(1), low.saturating_sub(3), low - low / 8] {
         let mut eased = path;
-        eased.push(m, at.a + rates.j * i128::from(m))?;
+        eased.push(m, at.a + wide::times(rates.j, m)?)?;
         let found = super::sloped::stop(eased, way, rates);
-        best = [best, found].into_iter().flatten().min_by_key(|path| path.time);
+        best = shorter(best, found);
     }
     best
 }
@@ -223,7 +233,7 @@ fn eased_path(mut path: Path, m: u32, n: [u32; 3], way: i128, rates: &Rates) -> 
     let at = path.at;
     let a1 = solve(&|a1| Some(at.after(m, a1)?.after_ramp(n, 0)?.s), at.a, way)?;
     let middle = at.after(m, a1)?;
-    if a1 > 0 || (a1 - at.a).abs() > rates.j * i128::from(m) {
+    if a1 > 0 || (a1 - at.a).abs() > wide::times(rates.j, m)? {
         return None;
     }
     if rates.relax_signed(middle, 0, n)? != n {

@@ -29,7 +29,7 @@ pub(super) fn cruise(mut path: Path, vc: i128, way: i128, rates: &Rates) -> Opti
         [cruise, cruise + 1].into_iter().find_map(|cruise| {
             let mut path = path;
             path.push(cruise, 0)?;
-            stop_at(path, n, way, rates)
+            stop_at(&path, n, way, rates)
         })
     })
 }
@@ -41,24 +41,35 @@ pub(super) fn stop(path: Path, way: i128, rates: &Rates) -> Option<Path> {
     // A stop that is already under way has the durations of its own plan left, which may be
     // shorter than those found afresh.
     let level = n1 + n2;
-    let under_way = (0..4u32).flat_map(|less| {
+    for less in 0..4u32 {
         let middle = (level + 1).saturating_sub(less).max(1);
-        [[1, middle - 1, n3], [1, middle - 1, n3 + 1], [n1.max(1), (n2 + 1).saturating_sub(less), n3]]
-    });
-    let longer = LONGER.into_iter().flat_map(|longer| {
+        let short = (n2 + 1).saturating_sub(less);
+        for n in [[1, middle - 1, n3], [1, middle - 1, n3 + 1], [n1.max(1), short, n3]] {
+            if let Some(found) = stop_at(&path, n, way, rates) {
+                return Some(found);
+            }
+        }
+    }
+    for longer in LONGER {
         let half = longer.div_ceil(2);
-        [
-            [n1.max(1), n2 + longer, n3 + 1],
-            [n1 + 1, (n2 + longer).max(1), n3],
-            [n1 + half, (n2 + longer).max(1), n3 + half],
+        let hold = n2 + longer;
+        for n in [
+            [n1.max(1), hold, n3 + 1],
+            [n1 + 1, hold.max(1), n3],
+            [n1 + half, hold.max(1), n3 + half],
             [n1 + longer, n2.max(1), n3 + 1],
-        ]
-    });
-    under_way.chain(longer).find_map(|n| stop_at(path, n, way, rates))
+        ] {
+            if let Some(found) = stop_at(&path, n, way, rates) {
+                return Some(found);
+            }
+        }
+    }
+    None
 }
 
 /// The stop with these durations that ends exactly at `way`, if it keeps the limits.
-pub(super) fn stop_at(mut path: Path, n: [u32; 3], way: i128, rates: &Rates) -> Option<Path> {
+#[inline(never)]
+pub(super) fn stop_at(path: &Path, n: [u32; 3], way: i128, rates: &Rates) -> Option<Path> {
     let at = path.at;
     let [n1, n2, n3] = n;
     // The second corner follows from the first and the velocity.
@@ -77,6 +88,7 @@ pub(super) fn stop_at(mut path: Path, n: [u32; 3], way: i128, rates: &Rates) -> 
     if steep || first.abs().max(second.abs()) > rates.a {
         return None;
     }
+    let mut path = *path;
     path.push(n[0], first)?;
     path.push(n[1], second)?;
     path.push(n[2], 0)?;

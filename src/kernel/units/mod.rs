@@ -4,6 +4,7 @@
 //! A *fine* quantity carries 32 fractional bits.
 
 pub mod decimal;
+pub mod rough;
 pub mod steps;
 pub mod wide;
 

@@ -9,26 +9,33 @@
 /// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set: two half digits by the
 /// processor's division.
 #[inline(always)]
-fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
-    let (upper, lower) = (by >> 16, by & 0xffff);
-    let half = |rest: u32, next: u32| -> (u32, u32) {
-        let mut quotient = rest.checked_div(upper).unwrap_or(0).min(0xffff);
-        let above = rest.wrapping_sub(quotient.wrapping_mul(upper));
-        let mut rest = above.wrapping_shl(16) | next;
-        let mut product = quotient.wrapping_mul(lower);
-        // at most twice too large: while the part above a digit is empty, the rest says so by being smaller
-        let mut above = above >> 16;
-        while above == 0 && rest < product {
-            quotient -= 1;
-            product -= lower;
-            let (sum, carry) = rest.overflowing_add(upper << 16);
-            (rest, above) = (sum, u32::from(carry));
-        }
-        (quotient, rest.wrapping_sub(product))
-    };
-    let (first, rest) = half(high, low >> 16);
-    let (second, rest) = half(rest, low & 0xffff);
+pub(super) const fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
+    let (first, rest) = half_digit(high, low >> 16, by);
+    let (second, rest) = half_digit(rest, low & 0xffff, by);
     (first << 16 | second, rest)
+}
+
+/// One half digit of [`two_by_one`], and the rest.
+#[inline(always)]
+const fn half_digit(rest: u32, next: u32, by: u32) -> (u32, u32) {
+    let (upper, lower) = (by >> 16, by & 0xffff);
+    let mut quotient = match rest.checked_div(upper) {
+        Some(0x1_0000..) => 0xffff,
+        Some(quotient) => quotient,
+        None => 0,
+    };
+    let above = rest.wrapping_sub(quotient.wrapping_mul(upper));
+    let mut rest = above.wrapping_shl(16) | next;
+    let mut product = quotient.wrapping_mul(lower);
+    // at most twice too large: while the part above a digit is empty, the rest says so by being smaller
+    let mut above = above >> 16;
+    while above == 0 && rest < product {
+        quotient -= 1;
+        product -= lower;
+        let (sum, carry) = rest.overflowing_add(upper << 16);
+        (rest, above) = (sum, carry as u32);
+    }
+    (quotient, rest.wrapping_sub(product))
 }
 
 /// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set.
@@ -112,8 +119,7 @@ pub fn div_up(dividend: u128, divisor: u128) -> u128 {
 #[inline(never)]
 pub fn signed_div_rem(dividend: i128, divisor: i128) -> (i128, i128) {
     let (quotient, remainder) = div_rem(dividend.unsigned_abs(), divisor.unsigned_abs());
-    let turn = |x: u128, negative: bool| if negative { (x as i128).wrapping_neg() } else { x as i128 };
-    (turn(quotient, (dividend < 0) != (divisor < 0)), turn(remainder, dividend < 0))
+    (turned(quotient as i128, (dividend < 0) != (divisor < 0)), turned(remainder as i128, dividend < 0))
 }
 
 /// Signed quotient, rounded towards zero.
@@ -122,17 +128,50 @@ pub fn signed_div(dividend: i128, divisor: i128) -> i128 {
     signed_div_rem(dividend, divisor).0
 }
 
+/// Quotient by a small number, rounded towards zero. By zero: zero.
+#[inline(never)]
+pub fn over_small(dividend: i128, divisor: u32) -> i128 {
+    if divisor == 0 {
+        return 0;
+    }
+    let size = dividend.unsigned_abs();
+    // both to the left, until the divisor's top bit is set
+    let up = divisor.leading_zeros();
+    let by = divisor << up;
+    let digits = [(size >> 96) as u32, (size >> 64) as u32, (size >> 32) as u32, size as u32, 0];
+    let mut rest = (digits[0] >> 1) >> (31 - up);
+    let mut quotient = 0;
+    for pair in digits.windows(2) {
+        let next = pair[0] << up | (pair[1] >> 1) >> (31 - up);
+        let digit;
+        (digit, rest) = if rest == 0 && next < by { (0, next) } else { two_by_one(rest, next, by) };
+        quotient = quotient << 32 | u128::from(digit);
+    }
+    turned(quotient as i128, dividend < 0)
+}
+
+/// A sixth, rounded towards zero.
+#[inline(never)]
+pub fn sixth(x: i128) -> i128 {
+    let size = x.unsigned_abs();
+    let mut sixth = 0;
+    let mut rest = 0;
+    for digit in [(size >> 96) as u32, (size >> 64) as u32, (size >> 32) as u32, size as u32] {
+        // 2^32 is four more than 6 * 0x2aaa_aaaa
+        let low = u64::from(digit) + u64::from(4 * rest);
+        let part = if low >> 32 == 0 { low as u32 / 6 } else { ((low >> 1) as u32) / 3 };
+        let digit = rest * 0x2aaa_aaaa + part;
+        rest = (low as u32).wrapping_sub(part.wrapping_mul(6));
+        sixth = sixth << 32 | u128::from(digit);
+    }
+    turned(sixth as i128, x < 0)
+}
+
 /// Signed quotient, rounded upwards; the divisor is positive.
 #[inline(never)]
 pub fn signed_div_up(dividend: i128, divisor: i128) -> i128 {
     let (quotient, remainder) = signed_div_rem(dividend, divisor);
     if remainder > 0 { quotient + 1 } else { quotient }
-}
-
-/// `floor(value * 2^up / divisor)` for `up <= 64`; the largest number where that is more.
-#[inline(never)]
-pub fn shifted_div(value: u64, up: u32, divisor: u64) -> u64 {
-    narrow(div(u128::from(value) << up.min(64), u128::from(divisor)))
 }
 
 /// `floor(a * b / 2^down)` for `down < 128`; the largest number where that is more.
@@ -145,6 +184,12 @@ pub fn mul_shift(a: u64, b: u64, down: u32) -> u64 {
 #[inline(always)]
 pub fn narrow(x: u128) -> u64 {
     if (x >> 64) as u64 == 0 { x as u64 } else { u64::MAX }
+}
+
+/// `x`, or its negative: where a product with a sign would be one of 128 bits.
+#[inline(always)]
+pub fn turned(x: i128, back: bool) -> i128 {
+    if back { x.wrapping_neg() } else { x }
 }
 
 /// The number nearest to `x` that is not below `least` nor above `most`: [`Ord::clamp`] without its panic, which would
@@ -166,104 +211,49 @@ pub fn times(x: i128, n: u32) -> Option<i128> {
     let low = u128::from(size as u64) * u128::from(n);
     let high = u128::from((size >> 64) as u64) * u128::from(n) + (low >> 64);
     let product = high << 64 | u128::from(low as u64);
-    let signed = if x < 0 { (product as i128).wrapping_neg() } else { product as i128 };
+    let signed = turned(product as i128, x < 0);
     // beyond 127 bits the sign is lost, but for the lowest number itself
     let fits = high >> 64 == 0 && (signed == 0 || (signed < 0) == (x < 0));
     fits.then_some(signed)
 }
 
-/// Product; none beyond 128 bits.
-#[inline(never)]
-pub fn product(a: u128, b: u128) -> Option<u128> {
-    a.checked_mul(b)
-}
-
-/// Signed product; none beyond 128 bits.
-#[inline(never)]
-pub fn signed_product(a: i128, b: i128) -> Option<i128> {
-    a.checked_mul(b)
-}
-
-/// The largest `r` with `r * r <= x`.
-#[inline(never)]
-pub fn isqrt(x: u128) -> u64 {
-    // Zimmermann's Karatsuba square root, in two halves of 64 bits: the top bits of `x` at the top, by an even shift.
-    let up = x.leading_zeros() & !1;
-    if up == 128 {
-        return 0;
-    }
-    let x = x << up;
-    let (high, low) = ((x >> 64) as u64, x as u64);
-    let upper = u64::from(isqrt_64(high));
-    let rest = high - upper * upper;
-    let (quotient, rest) = div_rem(u128::from(rest) << 32 | u128::from(low >> 32), u128::from(2 * upper));
-    let root = (u128::from(upper) << 32) + quotient;
-    let too_large = (rest << 32 | u128::from(low & 0xffff_ffff)) < quotient * quotient;
-    let root = (root - u128::from(too_large)).min(u128::from(u64::MAX)) as u64;
-    root >> (up / 2)
-}
-
 /// The largest `r` with `r * r <= x`; the top two bits of `x` are not both zero.
-#[inline(always)]
-fn isqrt_64(x: u64) -> u32 {
-    // the same once more: half of the digits one by one, in 32 bits
+#[inline(never)]
+pub(super) fn isqrt_64(x: u64) -> u32 {
+    // Zimmermann's: half of the digits first, by Newton's steps from above in 32 bits
     let (high, low) = ((x >> 32) as u32, x as u32);
-    let (mut upper, mut rest) = (0u32, high);
-    let mut bit = 1u32 << 30;
-    while bit != 0 {
-        let trial = upper + bit;
-        upper >>= 1;
-        if rest >= trial {
-            rest -= trial;
-            upper += bit;
-        }
-        bit >>= 2;
+    let mut upper = 0xffff;
+    while let better = (upper + high / upper.max(1)) / 2
+        && better < upper
+    {
+        upper = better;
     }
+    let rest = high - upper * upper;
     let dividend = u64::from(rest) << 16 | u64::from(low >> 16);
-    let (quotient, rest) = (dividend / u64::from(2 * upper).max(1), dividend % u64::from(2 * upper).max(1));
+    // by half of both: below 2^32
+    let quotient = u64::from((dividend >> 1) as u32 / upper.max(1));
+    let rest = dividend - 2 * quotient * u64::from(upper);
     let root = (u64::from(upper) << 16) + quotient;
     let too_large = (rest << 16 | u64::from(low & 0xffff)) < quotient * quotient;
     (root - u64::from(too_large)).min(u64::from(u32::MAX)) as u32
 }
 
-/// The largest `r` with `r * r * r <= x`.
+/// An `r` with `r * r * r <= x` that is by two too small at most, for `2^56 <= x < 2^63`.
 #[inline(never)]
-pub fn cube_root(x: u128) -> u64 {
-    // half of the digits one by one, the others by a step of Newton's, which is too large by a few at most
-    let up = x.leading_zeros() / 3 * 3;
-    if x == 0 {
-        return 0;
-    }
-    let x = x << up;
-    let upper = cube_root_64((x >> 66) as u64) << 22;
-    let square = u128::from(upper) * u128::from(upper);
-    let rest = x - square * u128::from(upper);
-    let mut root = (upper + div(rest, 3 * square) as u64).min(LARGEST_CUBE_ROOT);
-    while u128::from(root) * u128::from(root) * u128::from(root) > x {
-        root -= 1;
-    }
-    root >> (up / 3)
-}
-
-/// The largest number whose cube has 128 bits.
-const LARGEST_CUBE_ROOT: u64 = 6_981_463_658_331;
-
-/// The largest `r` with `r * r * r <= x`, for `2^56 <= x < 2^63`.
-#[inline(always)]
-fn cube_root_64(x: u64) -> u64 {
-    // the same once more: half of the digits one by one, in 32 bits
-    let (mut upper, mut rest) = (0u32, (x >> 33) as u32);
-    for shift in (0..30).step_by(3).rev() {
-        upper *= 2;
-        let more = 3 * upper * (upper + 1) + 1;
-        if rest >> shift >= more {
-            rest -= more << shift;
-            upper += 1;
-        }
+pub(super) fn cube_root_64(x: u64) -> u64 {
+    // half of the digits first, by Newton's steps from above in 32 bits
+    let high = (x >> 33) as u32;
+    let mut upper = 1024u32;
+    while let better = (2 * upper + high / (upper * upper).max(1)) / 3
+        && better < upper
+    {
+        upper = better;
     }
     let upper = u64::from(upper) << 11;
     let square = upper * upper;
-    let mut root = upper + (x - square * upper) / (3 * square).max(1);
+    // a step of Newton's in 32 bits: of 20 of them are 11 wanted
+    let (rest, slope) = (((x - square * upper) >> 23) as u32, ((3 * square) >> 23) as u32 + 1);
+    let mut root = upper + u64::from(rest / slope);
     while root * root * root > x {
         root -= 1;
     }
@@ -308,6 +298,9 @@ mod tests {
             if d != -1 {
                 assert_eq!(signed_div_rem(n, d), (n / d, n % d), "{n} / {d}");
                 assert_eq!(signed_div(n, d), n / d);
+                assert_eq!(sixth(n), n / 6, "{n} / 6");
+                let small = (d as u32).max(1);
+                assert_eq!(over_small(n, small), n / i128::from(small), "{n} / {small}");
             }
             if d > 0 {
                 assert_eq!(signed_div_up(n, d), n / d + i128::from(n % d > 0));
@@ -325,9 +318,6 @@ mod tests {
             none += u32::from(times(x, n).is_none());
             let (a, b, k) = (random.wide() as u64, random.wide() as u64, (random.bits() >> 57) as u32);
             assert_eq!(mul_shift(a, b, k), u64::try_from((u128::from(a) * u128::from(b)) >> k).unwrap_or(u64::MAX));
-            let k = k % 65;
-            let whole = (u128::from(a) << k).checked_div(u128::from(b)).unwrap_or(u128::MAX);
-            assert_eq!(shifted_div(a, k, b), u64::try_from(whole).unwrap_or(u64::MAX));
         }
         assert!(none > 10_000);
         assert_eq!(times(i128::MIN / 2, 2), Some(i128::MIN));
@@ -338,26 +328,22 @@ mod tests {
     fn roots_are_those_of_the_compiler() {
         let mut random = Random(3);
         for _ in 0..1_000_000 {
-            let x = random.wide();
-            assert_eq!(u128::from(isqrt(x)), x.isqrt(), "{x:#x}");
-            let square = u128::from(x as u64) * u128::from(x as u64);
-            assert_eq!(isqrt(square), x as u64);
-            assert_eq!(u128::from(isqrt(square.wrapping_sub(1))), square.wrapping_sub(1).isqrt());
+            let x = random.wide() as u64;
+            let x = x << (x.leading_zeros() & 62);
+            if x != 0 {
+                assert_eq!(u64::from(isqrt_64(x)), x.isqrt(), "{x:#x}");
+            }
         }
     }
 
     #[test]
-    fn cube_roots_are_the_largest_numbers_whose_cubes_fit() {
+    fn cube_roots_are_never_too_large_and_hardly_too_small() {
         let mut random = Random(4);
-        let cube = |r: u64| u128::from(r).saturating_mul(u128::from(r) * u128::from(r));
+        let cube = |r: u64| u128::from(r) * u128::from(r) * u128::from(r);
         for _ in 0..1_000_000 {
-            let x = random.wide();
-            let near = (random.bits() % (LARGEST_CUBE_ROOT + 1)) >> (random.bits() >> 58);
-            for x in [x, cube(near), cube(near).saturating_sub(1)] {
-                let root = cube_root(x);
-                assert!(cube(root) <= x && (root == LARGEST_CUBE_ROOT || cube(root + 1) > x), "{x:#x}");
-            }
+            let x = (random.bits() >> (1 + (random.bits() >> 61) % 6)).max(1 << 56);
+            let root = cube_root_64(x);
+            assert!(cube(root) <= x.into() && cube(root + 3) > x.into(), "{x:#x}");
         }
-        assert_eq!(cube_root(u128::MAX), LARGEST_CUBE_ROOT);
     }
 }

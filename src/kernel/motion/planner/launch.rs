@@ -1,19 +1,18 @@
 //! From desires and goals to tracks.
 
-use super::checked::Checked;
-use super::share::Asking;
-use super::slot::{Active, Flight, Intent, beyond};
+use super::share::{Asking, Left};
+use super::slot::{Flight, Intent, beyond};
 use super::{
     COORDINATED, Capability, Desire, Ordered, Planner, Proposal, SLOTS, Versioned, go_along, straight, unplannable,
     with_speed,
 };
 use crate::error::Error;
 use crate::motion::bounds::{PATH_ONE, Path};
-use crate::motion::budget::Grant;
-use crate::motion::plan::{to_position, to_velocity};
+use crate::motion::budget::{Grant, Turning};
+use crate::motion::plan::{position_profile, to_velocity, velocity_profile};
 use crate::motion::profile::State;
 use crate::motion::ramp;
-use crate::motion::track::{SINGLE_AXIS_UNIT_BITS, Track};
+use crate::motion::track::SINGLE_AXIS_UNIT_BITS;
 use crate::units::{AXES, Axis, Pose, wide};
 
 /// A jog ends after this many segments (76 hours) at the latest: a profile is not made for more.
@@ -76,27 +75,28 @@ impl Planner {
         order: &mut dyn FnMut(Proposal) -> Option<Ordered>,
     ) {
         let entry = &mut self.slots[slot];
-        if entry.flight.is_some() || !(entry.stop || entry.replan) {
+        let (stop, replan) = (entry.stop, entry.replan);
+        if entry.flight.is_some() || !(stop || replan) {
             return;
         }
-        let Some(mut active) = entry.active else {
-            (entry.stop, entry.replan) = (false, false);
+        (entry.stop, entry.replan) = (false, false);
+        if entry.active().is_none() {
             return;
-        };
+        }
+        let active = entry.next_like_active();
         let state = active.state(segment);
         let limits = with_speed(&active.grant, active.speed, capability.override_percent);
-        let planned = if entry.stop {
-            to_velocity(state, 0, active.grant.limits)
-        } else {
-            to_position(state, active.goal, limits)
-        };
-        let stop = entry.stop;
-        let Ok(profile) = planned else {
-            // it goes on as planned, and ends there
-            (entry.stop, entry.replan) = (false, false);
-            return;
-        };
         let remaining = active.end_segment().saturating_sub(segment);
+        let profile = &mut active.track.profile;
+        let planned = if stop {
+            velocity_profile(state, 0, active.grant.limits, profile)
+        } else {
+            position_profile(state, active.goal, limits, profile)
+        };
+        if planned.is_none() {
+            // it goes on as planned, and ends there
+            return;
+        }
         // Whole segments make a stop longer than the ideal one, by up to two: it may end beyond the goal. (One that
         // overshoots its goal anyway and has still to return is stopped all the same.)
         let duration = u64::from(profile.duration());
@@ -104,46 +104,43 @@ impl Planner {
         let beyond = profile.end_position().saturating_sub(active.goal).signum() == ahead;
         if stop && (duration >= remaining || beyond && remaining <= duration + duration / 8 + 16) {
             // it comes to rest as soon without
-            if let Some(active) = &mut entry.active {
+            if let Some(active) = entry.active_mut() {
                 active.stopping = true;
             }
-            (entry.stop, entry.replan) = (false, false);
             return;
         }
-        if !active.covers(&profile, segment) {
+        if !entry.active().is_some_and(|now| now.covers(&entry.next().track.profile, segment)) {
             // A track that runs straight is about to brake, and comes to rest where it was to; one that has to turn
             // back does so as planned, and obeys then.
-            entry.replan &= active.detour.is_some();
+            (entry.stop, entry.replan) = (stop, replan && entry.next().detour.is_some());
             return;
         }
-        active.track.profile = profile;
+        let active = entry.next_mut();
         active.start = segment;
         if stop {
-            active.track.end = active.track.at(profile.end_position());
+            active.track.end = active.track.at(active.track.profile.end_position());
             active.stopping = true;
         }
-        if self.launch(slot, active, Intent::Change, segment, order) {
+        if !self.launch(slot, Intent::Change, segment, order) {
             let entry = &mut self.slots[slot];
-            (entry.stop, entry.replan) = (false, false);
+            (entry.stop, entry.replan) = (stop, replan);
         }
     }
 
-    /// Hands a track to the generator; false when its queue is full.
+    /// Hands the next track of a slot to the generator; false when its queue is full.
     fn launch(
         &mut self,
         slot: usize,
-        active: Active,
         intent: Intent,
         segment: u64,
         order: &mut dyn FnMut(Proposal) -> Option<Ordered>,
     ) -> bool {
-        match order(Proposal { slot: slot as u8, segment, alone: self.is_alone() }) {
-            Some(Ordered { sequence, at_once }) => {
-                self.slots[slot].flight = Some(Flight { sequence, active, intent, at_once });
-                true
-            }
-            None => false,
-        }
+        let Some(Ordered { sequence, at_once }) = order(Proposal { slot: slot as u8, segment, alone: self.is_alone() })
+        else {
+            return false;
+        };
+        self.slots[slot].flight = Some(Flight { sequence, intent, at_once });
+        true
     }
 
     /// Nothing runs, and one thing only is to begin.
@@ -165,9 +162,9 @@ impl Planner {
             return Ok(());
         }
         // The same goal again: it is on its way.
-        if let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active.is_some_and(|a| !a.stopping))
+        if let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active().is_some_and(|a| !a.stopping))
             && self.rest().rounded() == goal
-            && self.slots[..AXES].iter().all(|s| s.active.is_none())
+            && self.slots[..AXES].iter().all(|s| s.active().is_none())
             && !self.slots[slot].stop
         {
             self.goal = None;
@@ -176,7 +173,7 @@ impl Planner {
         }
         let mut running = false;
         for slot in &mut self.slots {
-            if slot.active.is_some_and(|a| !a.stopping) {
+            if slot.active().is_some_and(|a| !a.stopping) {
                 slot.stop = true;
                 running = true;
             }
@@ -184,49 +181,41 @@ impl Planner {
         if running {
             return Ok(());
         }
-        let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active.is_none()) else {
+        let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active().is_none()) else {
             return Ok(());
         };
         let path = straight(self.rest(), goal.fine());
         let direction = path.direction;
-        if direction == [0; AXES] {
+        if path.goes_nowhere() {
             self.goal = self.then_goal.take();
             return Ok(());
         }
-        let idle = !self.is_running();
-        let as_checked = |checked: &&Checked| {
-            idle && checked.version == capability.version() && checked.to == goal && checked.from.fine() == path.origin
-        };
-        let (grant, profile) = if let Some(checked) = self.checked.as_ref().filter(as_checked) {
-            (checked.grant, checked.profile)
+        let checked = &self.checked;
+        let as_checked = checked.valid
+            && !self.is_running()
+            && checked.version == capability.version()
+            && checked.to == goal
+            && checked.from.fine().0.iter().zip(&path.origin.0).all(|(a, b)| a == b);
+        if as_checked {
+            let next = self.slots[slot].next_mut();
+            (next.grant, next.track.profile) = (checked.grant, checked.profile);
         } else {
-            let asking = Asking {
-                path: &path,
-                region: &path,
-                slot: SLOTS,
-                segment,
-                single: false,
-                starts_high: Some(false),
-                alone: false,
-            };
+            let starts_high = Some(false);
+            let asking = Asking { path: &path, region: None, slot: SLOTS, segment, single: false, starts_high };
             let Some(grant) = self.grant(capability, &asking)? else {
                 return Ok(());
             };
-            (grant, go_along(capability, &grant).ok_or_else(unplannable)?)
-        };
-        let track = Track { origin: [0; AXES], direction, end: direction, profile };
-        let active = Active {
-            track,
-            start: segment,
-            grant,
-            speed: PATH_ONE,
-            goal: PATH_ONE,
-            detour: None,
-            stopping: false,
-            jog: false,
-        };
-        if self.launch(slot, active, Intent::Goal(goal), segment, order) {
-            self.bend_others(capability, slot, grant.swing);
+            let next = self.slots[slot].next_mut();
+            next.grant = grant;
+            go_along(capability, &grant, &mut next.track.profile).ok_or_else(unplannable)?;
+        }
+        let next = self.slots[slot].next_mut();
+        (next.track.origin, next.track.direction, next.track.end) = ([0; AXES], direction, direction);
+        (next.start, next.speed, next.goal) = (segment, PATH_ONE, PATH_ONE);
+        (next.detour, next.stopping, next.jog) = (None, false, false);
+        let swing = next.grant.swing;
+        if self.launch(slot, Intent::Goal(goal), segment, order) {
+            self.bend_others(capability, slot, swing);
             self.goal = None;
         }
         Ok(())
@@ -262,14 +251,14 @@ impl Planner {
         let goal = (i64::from(x) << 32) - origin.0[i];
         let mut direction = [0; AXES];
         direction[i] = 1 << (32 + SINGLE_AXIS_UNIT_BITS);
-        let running = self.slots[i].active;
+        let running = self.slots[i].active();
         let state = running.map_or(State::rest(0), |a| a.state(segment));
         if running.is_none() && goal == 0 {
             self.desires[i] = then.map_or(Desire::None, |x| Desire::Position(x, None));
             return Ok(());
         }
         // where it would come to rest by itself counts too: it may overshoot the new target and return
-        let stop = match &running {
+        let stop = match running {
             Some(active) => stop_end(state, active.grant.limits)?,
             None => state.position,
         };
@@ -290,7 +279,7 @@ impl Planner {
         }
         let low = 0.min(goal).min(state.position).min(stop);
         let high = 0.max(goal).max(state.position).max(stop);
-        let (from, to) = match &running {
+        let (from, to) = match running {
             Some(_) => (goal.min(state.position).min(stop), goal.max(state.position).max(stop)),
             None => (low, high),
         };
@@ -299,21 +288,20 @@ impl Planner {
         let region = if axis.is_rotary() {
             // and not farther than the axis goes: beyond, where angles wrap, the law means nothing
             let at = |x: i32| (i64::from(x) << 32) - origin.0[i];
-            Path { from: path.from.min(at(own.0)), to: path.to.max(at(own.1)), ..path }
+            Some(Path { from: path.from.min(at(own.0)), to: path.to.max(at(own.1)), ..path })
         } else {
-            path
+            None
         };
         let asking = Asking {
             path: &path,
-            region: &region,
+            region: region.as_ref(),
             slot: i,
             segment,
             single: true,
             starts_high: [(to, true), (from, false)].iter().find(|end| end.0 == state.position).map(|end| end.1),
-            alone: false,
         };
         let granted = self.grant(capability, &asking)?;
-        let grant = match (&running, granted) {
+        let grant = match (running, granted) {
             (None, None) => return Ok(()),
             (None, Some(grant)) => grant,
             (Some(active), granted) => {
@@ -335,14 +323,16 @@ impl Planner {
         } else {
             goal
         };
-        let profile = to_position(state, goal, limits).map_err(|_| unplannable())?;
-        let mut detour = running.map(|_| (from, to));
-        if running.is_some()
-            && let (below, above) = beyond((from, to), &profile)
+        let runs = running.is_some();
+        let mut detour = runs.then_some((from, to));
+        let next = self.slots[i].next_mut();
+        position_profile(state, goal, limits, &mut next.track.profile).ok_or_else(unplannable)?;
+        if runs
+            && let (below, above) = beyond((from, to), &next.track.profile)
             && (below || above)
         {
             // it turns back a little behind where it could stop: that has to be free too
-            let (lowest, highest) = profile.extent();
+            let (lowest, highest) = next.track.profile.extent();
             let wider = (from.min(lowest), to.max(highest));
             if below && origin.0[i] + lowest < i64::from(lower) << 32
                 || above && origin.0[i] + highest > i64::from(upper) << 32
@@ -350,14 +340,16 @@ impl Planner {
                 return Ok(());
             }
             let path = Path { from: wider.0, to: wider.1, ..path };
-            let region = Path { from: region.from.min(wider.0), to: region.to.max(wider.1), ..region };
-            self.grant(capability, &Asking { path: &path, region: &region, ..asking })?;
+            let region = region.map(|all| Path { from: all.from.min(wider.0), to: all.to.max(wider.1), ..all });
+            self.grant(capability, &Asking { path: &path, region: region.as_ref(), ..asking })?;
             detour = Some(wider);
         }
-        let mut track = Track { origin: [0; AXES], direction, end: [0; AXES], profile };
-        track.end[i] = goal;
-        let active = Active { track, start: segment, grant, speed, goal, detour, stopping: false, jog };
-        if self.launch(i, active, Intent::Desire(self.desires[i]), segment, order) {
+        let next = self.slots[i].next_mut();
+        (next.track.origin, next.track.direction, next.track.end) = ([0; AXES], direction, [0; AXES]);
+        next.track.end[i] = goal;
+        (next.grant, next.start, next.speed, next.goal) = (grant, segment, speed, goal);
+        (next.detour, next.stopping, next.jog) = (detour, false, jog);
+        if self.launch(i, Intent::Desire(self.desires[i]), segment, order) {
             self.bend_others(capability, i, grant.swing);
             self.desires[i] = Desire::None;
             self.then[i] = then;
@@ -368,11 +360,12 @@ impl Planner {
 
     /// Whether a running track may go on with what it was granted when it turns by `swing` nrad more.
     fn can_keep(&self, capability: &Capability, slot: usize, segment: u64, swing: u64) -> bool {
-        let Some(active) = self.slots[slot].active else {
+        let Some(active) = self.slots[slot].active() else {
             return false;
         };
-        let left = self.left(capability, slot, segment, swing).motors;
-        left.iter().zip(&active.grant.uses).all(|(left, uses)| left.covers(uses))
+        let mut left = Left { motors: capability.motors, others: Turning::default(), remaining: 0 };
+        self.left(capability, slot, segment, swing, &mut left);
+        left.motors.iter().zip(&active.grant.uses).all(|(left, uses)| left.covers(uses))
     }
 }
 

@@ -29,8 +29,7 @@ use crate::error::{Error, ErrorNumber};
 use crate::units::{AXES, Axis, FinePose, Pose};
 use checked::Checked;
 pub use checked::Versioned;
-use share::Asking;
-use slot::{Intent, Slot};
+use slot::{Active, Intent, Slot};
 
 /// Slots of coordinated tracks: the running one and one that decelerates.
 const COORDINATED: usize = AXES;
@@ -114,7 +113,7 @@ pub struct Planner {
     then_goal: Option<Pose>,
     then: [Option<i32>; AXES],
     /// The move that was checked last.
-    checked: Option<Checked>,
+    checked: Checked,
 }
 
 impl Planner {
@@ -122,12 +121,12 @@ impl Planner {
     pub fn at_rest(pose: Pose) -> Self {
         Planner {
             base: pose.fine(),
-            slots: core::array::from_fn(|_| Slot::default()),
+            slots: [Slot::default(); SLOTS],
             desires: [Desire::None; AXES],
             goal: None,
             then_goal: None,
             then: [None; AXES],
-            checked: None,
+            checked: Checked::default(),
         }
     }
 
@@ -137,7 +136,7 @@ impl Planner {
             || self.then_goal.is_some()
             || self.then.iter().any(Option::is_some)
             || self.desires.iter().any(|d| *d != Desire::None)
-            || self.slots.iter().any(|s| s.active.is_some() || s.flight.is_some())
+            || self.slots.iter().any(|s| s.latest().is_some())
     }
 
     /// Bit n: axis n has a track or waits for one.
@@ -284,9 +283,10 @@ impl Planner {
     }
 
     /// The track that was ordered under this number, while it is unanswered.
-    pub fn on_its_way(&self, slot: u8, sequence: u16) -> Option<Track> {
-        let flight = self.slots.get(usize::from(slot))?.flight.filter(|flight| flight.sequence == sequence)?;
-        Some(flight.active.track)
+    pub fn on_its_way(&self, slot: u8, sequence: u16) -> Option<&Track> {
+        let slot = self.slots.get(usize::from(slot))?;
+        slot.flight.filter(|flight| flight.sequence == sequence)?;
+        Some(&slot.next().track)
     }
 
     /// The wanted speed has changed: what runs is planned again.
@@ -309,15 +309,15 @@ impl Planner {
             if age >= 0x8000 {
                 continue;
             }
-            self.slots[i].flight = None;
             if age < 32 && refused >> age & 1 == 0 {
-                let active = self.slots[i].active.insert(flight.active);
-                if flight.at_once {
+                self.slots[i].take();
+                if let Some(active) = self.slots[i].active_mut().filter(|_| flight.at_once) {
                     active.start = begun;
                 }
             } else {
                 any_refused = true;
-                self.want_again(i, flight.intent, flight.active.stopping);
+                self.slots[i].flight = None;
+                self.want_again(i, flight.intent, self.slots[i].next().stopping);
             }
         }
         self.merge(segment);
@@ -328,7 +328,7 @@ impl Planner {
     fn want_again(&mut self, i: usize, intent: Intent, stopping: bool) {
         let slot = &mut self.slots[i];
         match intent {
-            _ if slot.active.is_none() && slot.stop => slot.stop = false,
+            _ if slot.active().is_none() && slot.stop => slot.stop = false,
             Intent::Change => {
                 slot.stop |= stopping;
                 slot.replan |= !stopping;
@@ -368,18 +368,19 @@ impl Planner {
     /// Merges tracks that have ended by the start of `segment` into the base.
     fn merge(&mut self, segment: u64) {
         for (i, slot) in self.slots.iter_mut().enumerate() {
-            let Some(active) = slot.active.filter(|a| slot.flight.is_none() && a.end_segment() <= segment) else {
+            let ended = slot.active().filter(|a| slot.flight.is_none() && a.end_segment() <= segment);
+            let Some(&Active { track: Track { ref end, .. }, stopping, .. }) = ended else {
                 continue;
             };
-            for (u, end) in self.base.0.iter_mut().zip(&active.track.end) {
+            for (u, end) in self.base.0.iter_mut().zip(end) {
                 *u += end;
             }
-            *slot = Slot::default();
+            slot.clear();
             if i < AXES {
                 if let (Some(x), Desire::None) = (self.then[i].take(), self.desires[i]) {
                     self.desires[i] = Desire::Position(x, None);
                 }
-            } else if self.goal.is_none() && !active.stopping {
+            } else if self.goal.is_none() && !stopping {
                 self.goal = self.then_goal.take();
             }
         }
@@ -390,7 +391,9 @@ impl Planner {
     /// # Errors
     /// -222 with the axis and the value, 108 with the disabled axis.
     pub fn check(&self, capability: &Versioned<Capability>, from: Pose, to: Pose) -> Result<DryRun, Error> {
-        Ok(self.look_at(capability, from, to)?.map_or(DryRun::default(), |checked| checked.dry_run()))
+        let mut checked = Checked::default();
+        checked.look_at(capability, from, to)?;
+        Ok(checked.dry_run())
     }
 
     /// [`Planner::check`] of a move that is to be made: it need not be planned again if it begins as it was checked.
@@ -398,41 +401,13 @@ impl Planner {
     /// # Errors
     /// Those of [`Planner::check`].
     pub fn prepare(&mut self, capability: &Versioned<Capability>, from: Pose, to: Pose) -> Result<(), Error> {
-        self.checked = None;
-        self.checked = self.look_at(capability, from, to)?;
-        Ok(())
-    }
-
-    /// The move as if nothing else ran; none where it goes nowhere.
-    #[inline(never)]
-    fn look_at(&self, capability: &Versioned<Capability>, from: Pose, to: Pose) -> Result<Option<Checked>, Error> {
-        capability.limits.check_move(&capability.law, from, to)?;
-        let path = straight(from.fine(), to.fine());
-        if path.direction == [0; AXES] {
-            return Ok(None);
-        }
-        let asking = Asking {
-            path: &path,
-            region: &path,
-            slot: SLOTS,
-            segment: 0,
-            single: false,
-            starts_high: Some(false),
-            alone: true,
-        };
-        let Some(grant) = self.grant(capability, &asking)? else {
-            return Err(unplannable());
-        };
-        let Some(profile) = go_along(capability, &grant) else {
-            return Err(unplannable());
-        };
-        Ok(Some(Checked { from, to, version: capability.version(), grant, profile }))
+        self.checked.look_at(capability, from, to)
     }
 
     /// Largest speed of each axis in segment `segment`, nm or nrad per segment in Q32.
     pub fn speeds(&self, segment: u64) -> [u64; AXES] {
         let mut speeds = [0u64; AXES];
-        for active in self.slots.iter().filter_map(|s| s.active) {
+        for active in self.slots.iter().filter_map(Slot::active) {
             let elapsed = segment.saturating_sub(active.start).min(u64::from(u32::MAX - 1)) as u32;
             let (a, b) = (active.track.contribution(elapsed, &mut 0), active.track.contribution(elapsed + 1, &mut 0));
             for (speed, (a, b)) in speeds.iter_mut().zip(a.iter().zip(&b)) {
@@ -454,9 +429,9 @@ fn straight(from: FinePose, to: FinePose) -> Path {
 }
 
 /// From rest to rest over a whole path.
-fn go_along(capability: &Capability, grant: &Grant) -> Option<Profile> {
+fn go_along(capability: &Capability, grant: &Grant, profile: &mut Profile) -> Option<()> {
     let limits = with_speed(grant, PATH_ONE, capability.override_percent);
-    position_profile(State::rest(0), PATH_ONE, limits)
+    position_profile(State::rest(0), PATH_ONE, limits, profile)
 }
 
 fn unplannable() -> Error {

@@ -3,8 +3,9 @@
 use super::{Capability, Planner, SINGLE_SHARE_1024, WAIT_BELOW};
 use crate::compensation::law::Remembered;
 use crate::error::Error;
-use crate::motion::bounds::{Bounds, PATH_ONE, Path};
-use crate::motion::budget::{Grant, Rates, Turning};
+use crate::motion::bounds::{Bounds, NANO, PATH_ONE, Path, and_a_quarter};
+use crate::motion::budget::{Grant, RATE_BITS, Rates, Turning};
+use crate::units::rough::Rough;
 use crate::units::{AXES, Axis, wide};
 
 /// Angle beyond which a turn bends nothing further, nrad: the lever itself is the most it can add.
@@ -15,8 +16,8 @@ const ONE_RADIAN: u64 = 1_000_000_000;
 pub(super) struct Asking<'a> {
     /// The way that it will go.
     pub path: &'a Path,
-    /// Where its slopes are looked for: the way, or more.
-    pub region: &'a Path,
+    /// Where its slopes are looked for, if that is more than the way.
+    pub region: Option<&'a Path>,
     /// Its slot.
     pub slot: usize,
     /// The segment at which it begins.
@@ -25,8 +26,21 @@ pub(super) struct Asking<'a> {
     pub single: bool,
     /// The motion begins at the upper end of the way, or at the lower one; none where it first goes on and turns back.
     pub starts_high: Option<bool>,
-    /// As if nothing else ran.
-    pub alone: bool,
+}
+
+/// What a path from rest to rest may use while nothing else runs.
+///
+/// # Errors
+/// A limit that the path breaks.
+pub(super) fn alone(capability: &Capability, path: &Path, grant: &mut Grant) -> Result<(), Error> {
+    let Capability { law, motors, wanted, limits, .. } = capability;
+    let mut bounds = Bounds::default();
+    bounds.survey(law, path);
+    limits.check_motors(law, &bounds.range, Some(false))?;
+    bounds.rests = true;
+    grant.within(&bounds, motors, wanted, &path.direction, Turning::default(), &|_, _| 0);
+    grant.swing = bounds.swing(path);
+    Ok(())
 }
 
 /// What the running tracks leave.
@@ -46,32 +60,30 @@ impl Planner {
     /// A limit that the path breaks by itself, or together with what the others have still to go.
     pub(super) fn grant(&self, capability: &Capability, asking: &Asking<'_>) -> Result<Option<Grant>, Error> {
         let Capability { law, motors, wanted, limits, .. } = capability;
-        let way = Bounds::along(law, asking.path);
-        limits.check_motors(law, &way, asking.starts_high)?;
-        if !asking.alone {
-            self.check_beside_others(capability, asking, &way)?;
+        let mut bounds = Bounds::default();
+        bounds.survey(law, asking.path);
+        limits.check_motors(law, &bounds.range, asking.starts_high)?;
+        self.check_beside_others(capability, asking, &bounds)?;
+        let swing = bounds.swing(asking.path);
+        let mut left = Left { motors: *motors, others: Turning::default(), remaining: 0 };
+        self.left(capability, asking.slot, asking.segment, swing, &mut left);
+        if let Some(region) = asking.region {
+            bounds.survey(law, region);
         }
-        let swing = way.swing(asking.path);
-        let left = if asking.alone {
-            Left { motors: *motors, others: Turning::default(), remaining: 0 }
-        } else {
-            self.left(capability, asking.slot, asking.segment, swing)
-        };
-        let region = if asking.region == asking.path { way } else { Bounds::along(law, asking.region) };
-        let mut bounds = region.among(law, left.remaining);
+        bounds.bend_by(law, left.remaining);
         bounds.rests = !asking.single && asking.path.from == 0 && asking.path.to == PATH_ONE;
-        let mut ways = [0; AXES];
-        for (way, d) in ways.iter_mut().zip(&asking.path.direction) {
-            *way = (d.unsigned_abs() >> 16) + u64::from(*d != 0);
-        }
         let crossed = |i: usize, nrad2_q40: u128| law_crossed(capability, i, nrad2_q40);
-        let share = if asking.single { SINGLE_SHARE_1024 } else { 1024 };
-        let available = left.motors.map(|m| m.share(share));
-        let mut grant = Grant::within(&bounds, &available, wanted, &ways, left.others, &crossed);
+        if asking.single {
+            left.motors.iter_mut().for_each(|m| *m = m.share(SINGLE_SHARE_1024));
+        }
+        let direction = &asking.path.direction;
+        let mut grant = Grant::default();
+        grant.within(&bounds, &left.motors, wanted, direction, left.others, &crossed);
         grant.swing = swing;
-        if !asking.alone && self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
-            let alone = motors.map(|m| m.share(share));
-            let best = Grant::within(&bounds, &alone, wanted, &ways, Turning::default(), &crossed);
+        if self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
+            let alone = if asking.single { motors.map(|m| m.share(SINGLE_SHARE_1024)) } else { *motors };
+            let mut best = Grant::default();
+            best.within(&bounds, &alone, wanted, direction, Turning::default(), &crossed);
             let (a, b) = (grant.limits, best.limits);
             let enough = |have: i64, want: i64| have >= want / WAIT_BELOW && have > 1;
             if !(enough(a.velocity, b.velocity) && enough(a.acceleration, b.acceleration) && enough(a.jerk, b.jerk)) {
@@ -82,8 +94,8 @@ impl Planner {
     }
 
     /// What the others leave to a track that turns by `swing` nrad and thereby bends what they do.
-    pub(super) fn left(&self, capability: &Capability, own: usize, segment: u64, swing: u64) -> Left {
-        let mut left = Left { motors: capability.motors, others: Turning::default(), remaining: 0 };
+    /// `left` says what all of them may use.
+    pub(super) fn left(&self, capability: &Capability, own: usize, segment: u64, swing: u64, left: &mut Left) {
         for (i, slot) in self.slots.iter().enumerate() {
             let Some(active) = slot.latest().filter(|_| i != own) else {
                 continue;
@@ -98,7 +110,6 @@ impl Planner {
             let way = low.unsigned_abs().max(high.unsigned_abs());
             left.remaining += wide::mul_shift(angle, way, 60);
         }
-        left
     }
 
     /// Checks the path together with what the others have still to go.
@@ -107,11 +118,12 @@ impl Planner {
     /// The limit that could be left.
     fn check_beside_others(&self, capability: &Capability, asking: &Asking<'_>, way: &Bounds) -> Result<(), Error> {
         let Capability { law, limits, .. } = capability;
-        let mut way = way.clone();
+        let mut range = way.range;
         let mut low = [0i64; AXES];
         let mut high = [0i64; AXES];
         let swing = way.swing(asking.path);
         let mut rest = None;
+        let mut other = Bounds::default();
         for (i, slot) in self.slots.iter().enumerate() {
             let Some(active) = slot.latest().filter(|_| i != asking.slot) else {
                 continue;
@@ -125,14 +137,14 @@ impl Planner {
                 from: end.saturating_add(from),
                 to: end.saturating_add(to),
             };
-            let other = Bounds::along(law, &path);
+            other.survey(law, &path);
             let angles = u128::from(swing) * u128::from(other.swing(&path));
             for (m, rest) in rest.iter().enumerate() {
                 let crossed = (law_crossed(capability, m, angles << 40) >> 12) as i64;
-                let down = other.lowest[m].saturating_sub(*rest).min(0).saturating_sub(crossed);
-                let up = other.highest[m].saturating_sub(*rest).max(0).saturating_add(crossed);
-                way.lowest[m] = way.lowest[m].saturating_add(down);
-                way.highest[m] = way.highest[m].saturating_add(up);
+                let down = other.range.lowest[m].saturating_sub(*rest).min(0).saturating_sub(crossed);
+                let up = other.range.highest[m].saturating_sub(*rest).max(0).saturating_add(crossed);
+                range.lowest[m] = range.lowest[m].saturating_add(down);
+                range.highest[m] = range.highest[m].saturating_add(up);
             }
             for (a, d) in active.track.direction.iter().enumerate() {
                 let [one, other] = [from, to].map(|s| along(*d, s));
@@ -160,14 +172,13 @@ impl Planner {
                 return Err(Error::limit(axis, highest >> 32, i64::from(upper), false));
             }
         }
-        limits.check_motors(law, &way, asking.starts_high)
+        limits.check_motors(law, &range, asking.starts_high)
     }
 
     /// A new track turns: what the others do is bent by so much more from now on.
     pub(super) fn bend_others(&mut self, capability: &Capability, own: usize, swing: u64) {
-        for (i, slot) in self.slots.iter_mut().enumerate() {
-            let flight = slot.flight.as_mut().map(|f| &mut f.active);
-            for active in [slot.active.as_mut(), flight].into_iter().flatten().filter(|_| i != own) {
+        for (_, slot) in self.slots.iter_mut().enumerate().filter(|(i, slot)| *i != own && slot.latest().is_some()) {
+            for active in slot.each_mut() {
                 let more = swing.min(ONE_RADIAN - active.grant.bent);
                 active.grant.bent += more;
                 let bend = bend(capability, active.grant.turning, more);
@@ -190,14 +201,13 @@ fn along(length: i64, position: i64) -> i64 {
 #[inline(never)]
 fn law_crossed(capability: &Capability, i: usize, nrad2_q40: u128) -> u64 {
     let law = &capability.law;
-    let nano = wide::div(nrad2_q40, 1_000_000_000);
+    let nano = Rough::wide_up(nrad2_q40).shifted(-40).times_up(NANO);
     let units = if i < 3 {
-        wide::div(nano * u128::from(law.lever_nm()), 1_000_000_000)
+        nano.times_up(NANO).times_up(Rough::up(law.lever_nm(), 0))
     } else {
-        (nano * u128::from(law.second_order_bound())) >> 32
+        nano.times_up(Rough::up(law.second_order_bound(), 32))
     };
-    let steps = wide::div((units + 1) << 36, u128::from(law.step_q32(i).max(1))) * 5 / 4 + 1;
-    u64::try_from(steps).unwrap_or(u64::MAX >> 2)
+    and_a_quarter(units).times_up(law.per_unit(i)).ceil(RATE_BITS as i32).min(u64::MAX >> 2)
 }
 
 /// How much more of each motor a turning track needs once another one has turned by `angle` nrad.

@@ -7,7 +7,7 @@ use crate::motion::track::Track;
 use crate::units::Pose;
 
 /// A track that runs, with what it was granted.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Active {
     pub track: Track,
     pub start: u64,
@@ -72,15 +72,20 @@ pub(super) enum Intent {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Flight {
     pub sequence: u16,
-    pub active: Active,
     pub intent: Intent,
     /// It begins as soon as the generator sees it; until the answer its start is a guess, and nothing is planned.
     pub at_once: bool,
 }
 
+/// Room for two tracks, neither of which is ever moved: they are large.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Slot {
-    pub active: Option<Active>,
+    tracks: [Active; 2],
+    /// Which of them runs; the other one is made ready, or on its way.
+    second: bool,
+    /// One runs.
+    runs: bool,
+    /// The other one is on its way.
     pub flight: Option<Flight>,
     pub stop: bool,
     pub replan: bool,
@@ -89,13 +94,58 @@ pub(super) struct Slot {
 impl Slot {
     /// Nothing runs, nothing is on its way.
     pub fn clear(&mut self) {
-        (self.active, self.flight) = (None, None);
+        (self.runs, self.flight) = (false, None);
         (self.stop, self.replan) = (false, false);
+    }
+
+    /// The track that runs, and room for the next one, which must not be on its way.
+    fn parts(&mut self) -> (&mut Active, &mut Active) {
+        let [first, second] = &mut self.tracks;
+        if self.second { (second, first) } else { (first, second) }
+    }
+
+    /// What runs.
+    pub fn active(&self) -> Option<&Active> {
+        self.runs.then_some(&self.tracks[usize::from(self.second)])
+    }
+
+    /// What runs.
+    pub fn active_mut(&mut self) -> Option<&mut Active> {
+        if self.runs { Some(self.parts().0) } else { None }
+    }
+
+    /// What is on its way, or will be once it is ready.
+    pub fn next(&self) -> &Active {
+        &self.tracks[usize::from(!self.second)]
+    }
+
+    /// Where the next track is made ready; not while one is on its way.
+    pub fn next_mut(&mut self) -> &mut Active {
+        self.parts().1
+    }
+
+    /// The next track, until now the same as the one that runs.
+    pub fn next_like_active(&mut self) -> &mut Active {
+        let (active, next) = self.parts();
+        *next = *active;
+        next
+    }
+
+    /// What is on its way runs from now on.
+    pub fn take(&mut self) {
+        (self.second, self.runs, self.flight) = (!self.second, true, None);
     }
 
     /// What will run once the answer is there, as far as known.
     pub fn latest(&self) -> Option<&Active> {
-        self.flight.as_ref().map(|f| &f.active).or(self.active.as_ref())
+        if self.flight.is_some() { Some(self.next()) } else { self.active() }
+    }
+
+    /// What runs and what is on its way.
+    pub fn each_mut(&mut self) -> impl Iterator<Item = &mut Active> {
+        let (runs, flies) = (self.runs, self.flight.is_some());
+        let (active, next) = self.parts();
+        [(active, runs), (next, flies)].into_iter().filter_map(|(track, is)| is.then_some(track))
     }
 
     /// What is on its way is no longer wanted for itself.
@@ -110,9 +160,8 @@ impl Slot {
     pub fn reach(&self, segment: u64) -> (i64, i64) {
         let Some(latest) = self.latest() else { return (0, 0) };
         let end = latest.track.profile.end_position();
-        let both = [self.active.as_ref(), self.flight.as_ref().map(|f| &f.active)];
         let mut reach = (0, 0);
-        for active in both.into_iter().flatten() {
+        for active in [self.active(), Some(latest)].into_iter().flatten() {
             let (low, high) = active.extent(segment);
             reach = (reach.0.min(low.saturating_sub(end)), reach.1.max(high.saturating_sub(end)));
         }

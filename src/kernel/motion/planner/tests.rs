@@ -80,7 +80,7 @@ fn another_speed_on_the_way_never_leads_beyond_the_target() {
                 planner.desire(Axis::X, Desire::Position(target, None))
             }
             plan(&mut planner, &capability, 0);
-            let active = planner.slots[if coordinated { COORDINATED } else { 0 }].active.expect("it moves");
+            let active = planner.slots[if coordinated { COORDINATED } else { 0 }].active().copied().expect("it moves");
             for segment in 1..active.end_segment() {
                 for percent in [100, 40] {
                     let mut planner = planner;
@@ -110,7 +110,7 @@ fn a_stop_while_it_turns_back_stays_on_the_way_that_was_checked() {
         plan(&mut planner, &capability, 0);
         planner.desire(Axis::X, Desire::Position(-END, None));
         plan(&mut planner, &capability, turned);
-        let active = planner.slots[0].active.expect("it turns back");
+        let active = planner.slots[0].active().copied().expect("it turns back");
         let (_, highest) = active.detour.expect("it turns back");
         assert!(active.track.profile.extent().1 <= highest + ROUNDING, "turned in {turned}");
         for segment in (turned + 1..turned + 100).step_by(3) {
@@ -138,7 +138,7 @@ fn an_axis_turns_back_only_where_it_can_do_so_within_its_limits() {
         let upwards = Desire::Jog { upwards: true, limit: END, speed: u64::MAX };
         planner.desire(Axis::X, if jog { upwards } else { Desire::Position(END, None) });
         plan(&mut planner, &capability, 0);
-        let active = planner.slots[0].active.expect("it moves");
+        let active = planner.slots[0].active().copied().expect("it moves");
         let end = i64::from(END) << 32;
         // without soft limits the nearest whole step decides
         let room = if soft_on { ROUNDING } else { 51 << 32 };
@@ -204,7 +204,7 @@ fn a_jog_that_turns_holds_what_it_needs_of_every_motor() {
         let mut planner = Planner::at_rest(pose);
         planner.desire(axis, Desire::Jog { upwards, limit: 0, speed: u64::MAX });
         plan(&mut planner, &capability, 0);
-        let grant = planner.slots[axis.index()].active.expect("it jogs").grant;
+        let grant = planner.slots[axis.index()].active().copied().expect("it jogs").grant;
         let motors = |pose: Pose| capability.law.targets(&pose.fine(), &mut Default::default()).0;
         let (here, mut next) = (motors(pose), pose);
         next.0[axis.index()] += if upwards { 1_000_000 } else { -1_000_000 };
