@@ -7,6 +7,7 @@ pub mod faults;
 pub mod flash;
 pub mod gpio;
 mod mailbox;
+mod memory;
 pub mod pins;
 pub mod port;
 pub mod refill;
