@@ -42,10 +42,10 @@ async fn main(spawner: Spawner) {
     let mut serial = Serial::open(front.baud());
     if !start.internal_oscillator {
         let parts = usb::Parts { usb: parts.USB_OTG_FS, dp: parts.PA12, dm: parts.PA11 };
-        spawner.spawn(defmt::unwrap!(usb::run(parts, embassy_stm32::uid::uid_hex(), &USB)));
+        spawner.spawn(usb::run(parts, embassy_stm32::uid::uid_hex(), &USB).unwrap());
     }
     let border = start_refill(front);
-    spawner.spawn(defmt::unwrap!(supervision::supervise(supervision::start(parts.IWDG))));
+    spawner.spawn(supervision::supervise(supervision::start(parts.IWDG)).unwrap());
 
     let mut board = Board::new(border, backup, keeper);
     let mut controller = Controller::new(front, new_links());

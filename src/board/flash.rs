@@ -42,7 +42,7 @@ impl SettingsFlash {
 }
 
 /// An error of the chip's flash controller.
-#[derive(Debug, defmt::Format)]
+#[derive(Debug)]
 pub struct Failure(FlashError);
 
 impl NorFlashError for Failure {
