@@ -9,6 +9,11 @@ fn main() {
     println!("runs in an emulator: tests/emulator/plan_cost.py");
 }
 
+/// The firmware's copies of memory, which are a part of what planning costs.
+#[cfg(target_os = "none")]
+#[path = "../../../../src/board/memory.rs"]
+mod memory;
+
 #[cfg(target_os = "none")]
 mod target {
     use core::sync::atomic::{AtomicI32, AtomicU8, AtomicU32, Ordering::Relaxed};
