@@ -56,10 +56,14 @@ impl Response {
     // For handlers.
 
     /// A whole number.
-    #[inline(never)]
     pub fn integer(&mut self, value: impl Into<i64>) {
+        self.whole(value.into());
+    }
+
+    #[inline(never)]
+    fn whole(&mut self, value: i64) {
         self.part();
-        let _ = write_integer(self, value.into());
+        let _ = write_integer(self, value);
     }
 
     /// 0 or 1.
@@ -110,6 +114,12 @@ impl Response {
     pub fn text(&mut self, text: &str) {
         self.part();
         self.put(text.as_bytes());
+    }
+
+    /// The short form of a keyword: its capitals.
+    pub fn short_form(&mut self, keyword: &str) {
+        self.part();
+        keyword.split(|c: char| c.is_ascii_lowercase()).for_each(|capitals| self.put(capitals.as_bytes()));
     }
 
     /// An error as the queue tells it.

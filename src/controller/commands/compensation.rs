@@ -1,6 +1,6 @@
 //! Commands of the compensation: calibration, switches, pivots.
 
-use super::setting::Setting;
+use super::setting::{Kind, Setting};
 use crate::controller::front::{Front, PIVOTS};
 use crate::error::{Error, ErrorNumber};
 use crate::scpi::params::Params;
@@ -41,8 +41,9 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
         C::PivotDefine => pivot_define(front, call, out)?,
         C::PivotSelect => {
             let now = front.pivot().map_or(0, |(k, _)| i64::from(k));
-            let setting = Setting { now, least: 0, most: PIVOTS as i64 - 1, default: 0 };
-            if let Some(k) = setting.access(call, |p| p.number(Unit::COUNT), |v| out.integer(v))? {
+            let setting =
+                Setting { kind: Kind::Number(Unit::COUNT), now, least: 0, most: PIVOTS as i64 - 1, default: 0 };
+            if let Some(k) = setting.access(call, out)? {
                 front.select_pivot(k as u8)?;
             }
         }
@@ -64,7 +65,7 @@ fn switch(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result<(), 
         C::CompensationPivotState => &mut switches.pivot,
         _ => &mut switches.backlash,
     };
-    let Some(on) = Setting::switch(*field, true).access_switch(call, |v| out.integer(v))? else { return Ok(()) };
+    let Some(on) = Setting::switch(*field, true).access_switch(call, out)? else { return Ok(()) };
     *field = on;
     if on {
         front.calibration()?;

@@ -3,12 +3,11 @@
 //! Every handler takes all of its parameters before it changes anything.
 
 mod axis;
+mod axis_settings;
 mod compensation;
-mod home;
 mod pose;
 mod setting;
 mod system;
-mod wiring;
 
 use super::front::{Front, axis_condition};
 use crate::error::Error;
@@ -20,7 +19,7 @@ use crate::scpi::tree::Command as C;
 use crate::settings::{JOG_TIMEOUT_MAX_MS, JOG_TIMEOUT_MIN_MS};
 use crate::units::Axis;
 use crate::units::decimal::Unit;
-use setting::{Setting, nanoseconds};
+use setting::{Kind, Setting, nanoseconds};
 
 /// Bits of STATus:OPERation and STATus:QUEStionable.
 mod condition {
@@ -53,13 +52,13 @@ impl Instrument for Front {
             C::JogTimeout => {
                 let millisecond = nanoseconds(1);
                 let setting = Setting {
+                    kind: Kind::Number(Unit::TIME),
                     now: i64::from(self.settings.jog_timeout_ms) * millisecond,
                     least: i64::from(JOG_TIMEOUT_MIN_MS) * millisecond,
                     most: i64::from(JOG_TIMEOUT_MAX_MS) * millisecond,
                     default: 1000 * millisecond,
                 };
-                let parse = |p: &mut crate::scpi::params::Params<'_>| p.number(Unit::TIME);
-                if let Some(t) = setting.access(call, parse, |t| out.quantity(t, Unit::TIME))? {
+                if let Some(t) = setting.access(call, out)? {
                     self.settings.jog_timeout_ms = ((t + millisecond / 2) / millisecond) as u32;
                 }
             }

@@ -1,7 +1,7 @@
 //! Commands of all six axes.
 
 use super::axis::distance;
-use super::setting::Setting;
+use super::setting::{Kind, Setting};
 use crate::controller::front::Front;
 use crate::error::Error;
 use crate::scpi::parser::Call;
@@ -45,8 +45,8 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
         }
         _ => {
             let now = i64::from(front.settings().override_percent);
-            let setting = Setting { now, least: 1, most: 100, default: 100 };
-            if let Some(percent) = setting.access(call, |p| p.number(Unit::PERCENT), |v| out.integer(v))? {
+            let setting = Setting { kind: Kind::Number(Unit::PERCENT), now, least: 1, most: 100, default: 100 };
+            if let Some(percent) = setting.access(call, out)? {
                 front.set_override(percent as u8);
             }
             Ok(())

@@ -3,10 +3,52 @@
 use crate::error::{Error, ErrorNumber};
 use crate::scpi::params::Params;
 use crate::scpi::parser::Call;
+use crate::scpi::response::{Response, axis_unit};
+use crate::units::Axis;
+use crate::units::decimal::Unit;
 
-/// A value with its range and default, in the integer of its unit.
+/// How a value is written and answered, as an integer.
+#[derive(Clone, Copy, Debug)]
+pub enum Kind {
+    /// `ON|OFF`, 1 or 0; answered 1 or 0.
+    Switch,
+    /// The index of a word; answered in its short form.
+    Words(&'static [&'static str]),
+    /// The integer of the unit.
+    Number(Unit),
+    /// nm or nrad, within the range of coordinates.
+    Coordinate(Axis),
+    /// The size of a motor's step, Q32 nm or nrad.
+    StepSize(Axis),
+}
+
+impl Kind {
+    fn parse(self, params: &mut Params<'_>) -> Result<i64, Error> {
+        match self {
+            Kind::Switch => params.boolean().map(i64::from),
+            Kind::Words(words) => params.choice(words).map(|index| index as i64),
+            Kind::Number(unit) => params.number(unit),
+            Kind::Coordinate(axis) => params.coordinate(axis).map(i64::from),
+            Kind::StepSize(axis) => params.step_size_q32(axis),
+        }
+    }
+
+    fn answer(self, value: i64, out: &mut Response) {
+        match self {
+            Kind::Switch => out.integer(value),
+            Kind::Words(words) => out.short_form(words.get(value as usize).unwrap_or(&"")),
+            Kind::Number(unit) => out.quantity(value, unit),
+            Kind::Coordinate(axis) => out.axis_quantity(axis, value, 0),
+            Kind::StepSize(axis) => out.fine_quantity(value, axis_unit(axis)),
+        }
+    }
+}
+
+/// A value with its range and default, in the integer of its kind.
 #[derive(Clone, Copy, Debug)]
 pub struct Setting {
+    /// How it is written and answered.
+    pub kind: Kind,
     /// In force.
     pub now: i64,
     /// Least.
@@ -20,39 +62,23 @@ pub struct Setting {
 impl Setting {
     /// A switch.
     pub fn switch(now: bool, default: bool) -> Self {
-        Setting { now: now.into(), least: 0, most: 1, default: default.into() }
+        Setting { kind: Kind::Switch, now: now.into(), least: 0, most: 1, default: default.into() }
     }
 
     /// Answers the query, or gives the new value, within the range.
     ///
     /// # Errors
     /// Those of the parameter, -222 beyond the range.
-    pub fn access(
-        self,
-        call: &Call<'_>,
-        parse: impl Fn(&mut Params<'_>) -> Result<i64, Error>,
-        answer: impl FnMut(i64),
-    ) -> Result<Option<i64>, Error> {
-        let mut answer = answer;
-        self.access_by(call, &parse, &mut answer)
-    }
-
-    /// [`Setting::access`], of which the firmware has room for one only.
     #[inline(never)]
-    fn access_by(
-        self,
-        call: &Call<'_>,
-        parse: &dyn Fn(&mut Params<'_>) -> Result<i64, Error>,
-        answer: &mut dyn FnMut(i64),
-    ) -> Result<Option<i64>, Error> {
+    pub fn access(self, call: &Call<'_>, out: &mut Response) -> Result<Option<i64>, Error> {
         let mut params = call.params;
         if call.query {
             let extreme = params.optional_extreme()?;
-            answer(extreme.map_or(self.now, |e| e.pick(self.least, self.most, self.default)));
+            self.kind.answer(extreme.map_or(self.now, |e| e.pick(self.least, self.most, self.default)), out);
             return Ok(None);
         }
         let mut text = params;
-        let value = params.setting(parse)?.resolve(self.least, self.most, self.default);
+        let value = params.setting(|p| self.kind.parse(p))?.resolve(self.least, self.most, self.default);
         params.end()?;
         if !(self.least..=self.most).contains(&value) {
             return Err(Error::token(ErrorNumber::DataOutOfRange, text.token()?));
@@ -60,12 +86,12 @@ impl Setting {
         Ok(Some(value))
     }
 
-    /// [`Setting::access`] of `ON|OFF`.
+    /// [`Setting::access`] of a switch.
     ///
     /// # Errors
     /// As [`Setting::access`].
-    pub fn access_switch(self, call: &Call<'_>, answer: impl FnMut(i64)) -> Result<Option<bool>, Error> {
-        Ok(self.access(call, |p| p.boolean().map(i64::from), answer)?.map(|v| v != 0))
+    pub fn access_switch(self, call: &Call<'_>, out: &mut Response) -> Result<Option<bool>, Error> {
+        Ok(self.access(call, out)?.map(|v| v != 0))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Commands of the controller itself: saving and recalling, its serial port.
 
-use super::setting::Setting;
+use super::setting::{Kind, Setting};
 use crate::controller::front::{Front, StorageRequest};
 use crate::error::{Error, ErrorNumber};
 use crate::scpi::parser::Call;
@@ -22,12 +22,13 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
         C::SystemPark => storage(front, StorageRequest::Park, call, out),
         C::SerialBaud => {
             let setting = Setting {
+                kind: Kind::Number(Unit::COUNT),
                 now: front.baud().into(),
                 least: BAUD_MIN.into(),
                 most: BAUD_MAX.into(),
                 default: BAUD_DEFAULT.into(),
             };
-            if let Some(baud) = setting.access(call, |p| p.number(Unit::COUNT), |v| out.integer(v))? {
+            if let Some(baud) = setting.access(call, out)? {
                 front.set_baud(baud as u32);
             }
             Ok(Flow::Done)

@@ -294,7 +294,7 @@ impl Front {
     }
 
     fn play_steps(&self, axis: Axis) -> i64 {
-        self.settings.axes[axis.index()].backlash_steps(&self.motors()[axis.index()]).into()
+        self.settings.axes[axis.index()].backlash_steps(&self.motor(axis)).into()
     }
 
     fn reference_steps(&self, axis: Axis) -> i64 {
@@ -304,7 +304,7 @@ impl Front {
 
     /// How far the switch is looked for.
     fn search_steps(&self, axis: Axis) -> i64 {
-        let motor = self.motors()[axis.index()];
+        let motor = self.motor(axis);
         let travel = i64::from(motor.travel_upper) - i64::from(motor.travel_lower);
         units_to_steps(travel + travel / BEYOND, motor.step_q32) + 2 * self.reference_steps(axis)
     }
@@ -330,7 +330,7 @@ impl Front {
     /// At the reference: the motor stands where `HOME:OFFSet` says, on the reference flank.
     fn finish_homing(&mut self, axis: Axis) {
         let i = axis.index();
-        let motor = self.motors()[i];
+        let motor = self.motor(axis);
         let mut steps: MotorSteps = self.report.final_steps;
         let offset = self.settings.axes[i].home.reference(&motor);
         steps.0[i] = units_to_steps(offset.into(), motor.step_q32) as i32;

@@ -439,6 +439,12 @@ impl Front {
         settings::motors(self.calibration.as_ref(), Some(&self.settings))
     }
 
+    /// Data of one motor.
+    #[inline(never)]
+    pub fn motor(&self, axis: Axis) -> MotorData {
+        self.motors()[axis.index()]
+    }
+
     /// True when a motor is enabled.
     pub fn is_enabled(&self, axis: Axis) -> bool {
         self.enabled[axis.index()]

@@ -159,7 +159,7 @@ impl Front {
     /// Steps of a one-directional overshoot: the play and the margin.
     pub(super) fn clearance(&self, axis: Axis) -> i32 {
         let own = &self.settings.axes[axis.index()];
-        own.backlash_steps(&self.motors()[axis.index()]).saturating_add(own.backlash.margin)
+        own.backlash_steps(&self.motor(axis)).saturating_add(own.backlash.margin)
     }
 
     /// Constant velocity (nm/s or nrad/s, signed) until a stop, a limit, or another jog; 0 ramps down.
