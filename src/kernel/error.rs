@@ -1,7 +1,7 @@
 //! Errors of the controller: the SCPI numbers, and what each names.
 
 use crate::units::Axis;
-use crate::units::decimal::{Formatted, Unit, axis_unit, write_integer};
+use crate::units::decimal::{Formatted, Unit, axis_unit, write_byte, write_integer};
 use core::fmt::{self, Write};
 
 /// Number of an error in the queue (SCPI-99 volume 2 chapter 21; positive numbers are the device's own).
@@ -221,9 +221,12 @@ impl Token {
         Token { bytes, len }
     }
 
-    /// The kept text.
-    pub fn as_str(&self) -> &str {
-        core::str::from_utf8(&self.bytes[..usize::from(self.len)]).unwrap_or("?")
+    /// Writes the kept text.
+    ///
+    /// # Errors
+    /// Those of `to`.
+    pub fn write(&self, to: &mut dyn Write) -> fmt::Result {
+        self.bytes.iter().take(self.len.into()).try_for_each(|byte| write_byte(to, *byte))
     }
 }
 
@@ -314,7 +317,7 @@ impl Detail {
         match self {
             Detail::None => Ok(()),
             Detail::Text(text) => to.write_str(text),
-            Detail::Token(token) => to.write_str(token.as_str()),
+            Detail::Token(token) => token.write(to),
             Detail::Axis(axis) => write_axis(to, *axis),
             Detail::AxisText(axis, text) => {
                 write_axis(to, *axis)?;

@@ -368,7 +368,9 @@ fn extreme(token: &[u8]) -> Option<Extreme> {
 fn block_data(token: &[u8]) -> Option<&[u8]> {
     let [b'#', digits @ b'1'..=b'9', rest @ ..] = token else { return None };
     let (length, rest) = rest.split_at_checked(usize::from(digits - b'0'))?;
-    let length = core::str::from_utf8(length).ok()?.parse::<usize>().ok()?;
+    // nine digits at most: no overflow
+    let value = |n: usize, digit: &u8| digit.is_ascii_digit().then(|| n * 10 + usize::from(digit - b'0'));
+    let length = length.iter().try_fold(0, value)?;
     let (data, tail) = rest.split_at_checked(length)?;
     tail.trim_ascii().is_empty().then_some(data)
 }

@@ -129,11 +129,11 @@ impl Response {
     }
 
     /// A string in double quotes.
-    pub fn string(&mut self, text: &str) {
+    pub fn string(&mut self, text: &[u8]) {
         self.part();
         self.put(b"\"");
-        for byte in text.bytes() {
-            self.put(if byte == b'"' { b"\"\"" } else { core::slice::from_ref(&byte) });
+        for byte in text {
+            self.put(if *byte == b'"' { b"\"\"" } else { core::slice::from_ref(byte) });
         }
         self.put(b"\"");
     }
@@ -298,7 +298,7 @@ mod tests {
         out.axis_quantity(Axis::Alpha, 17_453_293, 0);
         out.end_unit();
         out.begin();
-        out.string("a\"b");
+        out.string(b"a\"b");
         out.block(b"xyz");
         out.boolean(true);
         out.end_message();

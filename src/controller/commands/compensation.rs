@@ -34,8 +34,7 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
         C::CompensationCrc => out.integer(front.block_crc()?),
         C::CompensationName => {
             let name = front.calibration()?.name;
-            let length = name.iter().position(|b| *b == 0).unwrap_or(name.len());
-            out.string(core::str::from_utf8(&name[..length]).unwrap_or(""));
+            out.string(name.split(|byte| *byte == 0).next().unwrap_or_default());
         }
         C::CompensationMatrix => return matrix(front, out),
         C::PivotDefine => pivot_define(front, call, out)?,

@@ -360,8 +360,16 @@ pub fn write_digits(to: &mut dyn Write, value: u64, least: usize) -> fmt::Result
         left /= 10;
         count += 1;
     }
-    let digits = text.get(text.len() - count..).unwrap_or(&[]);
-    to.write_str(core::str::from_utf8(digits).unwrap_or(""))
+    text.iter().skip(text.len() - count).try_for_each(|digit| write_byte(to, *digit))
+}
+
+/// One ASCII character.
+///
+/// # Errors
+/// Those of `to`.
+#[inline(never)]
+pub fn write_byte(to: &mut dyn Write, byte: u8) -> fmt::Result {
+    to.write_str(char::from(byte).encode_utf8(&mut [0; 2]))
 }
 
 /// A whole number.
