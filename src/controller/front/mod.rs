@@ -80,47 +80,50 @@ enum Abort {
 }
 
 /// Plans, checks, keeps settings and answers questions.
+///
+/// What is small comes first, in the order that is written: one instruction reaches 4 KB from the front's address.
+#[repr(C)]
 pub struct Front {
-    calibration: Option<Calibration>,
-    block: heapless::Vec<u8, BLOCK_CAPACITY>,
-    /// Settings in force.
-    pub(super) settings: Settings,
-    pivots: [Option<[i32; 3]>; PIVOTS],
-    pivot: u8,
-    capability: Versioned<Capability>,
-    timing: Timing,
-    planner: Planner,
-    report: Report,
     sequence: u16,
-    lead: u64,
-    /// The segment that was to be generated next when planning last began.
-    planned_from: u64,
-    orders: heapless::Deque<WaitingOrder, ORDERS>,
+    abort: Abort,
+    pivot: u8,
     homed: [bool; AXES],
     enabled: [bool; AXES],
     uncertain: [bool; AXES],
-    abort: Abort,
-    preload: Option<Preload>,
-    homing: Option<Homing>,
-    events: Events,
-    health: Health,
-    emergency_stop: EmergencyStop,
+    jog_links: [Option<u8>; AXES],
     /// The board is still to be told to arm the step output.
     rearm: bool,
     missed_deadline: bool,
-    watch: Watch,
-    jog_links: [Option<u8>; AXES],
-    /// A motion that was accepted and turned out to break a limit.
-    late_error: Option<Error>,
-    /// The last order that takes effect at once, while unanswered: nothing is planned before it is.
-    hold: Option<u16>,
-    /// Where the motors stand by an anchor that is not answered yet.
-    anchor: Option<Anchored>,
-    /// Backlash configurations that the generator has been told.
-    told: [Option<PlayConfig>; AXES],
     /// Settings were set back during an abort: what follows from them is still to be ordered.
     reset_due: bool,
+    health: Health,
+    watch: Watch,
+    preload: Option<Preload>,
+    /// The last order that takes effect at once, while unanswered: nothing is planned before it is.
+    hold: Option<u16>,
+    emergency_stop: EmergencyStop,
+    lead: u64,
+    /// The segment that was to be generated next when planning last began.
+    planned_from: u64,
+    /// Where the motors stand by an anchor that is not answered yet.
+    anchor: Option<Anchored>,
+    homing: Option<Homing>,
+    /// A motion that was accepted and turned out to break a limit.
+    late_error: Option<Error>,
+    report: Report,
+    events: Events,
     storage: Storage,
+    pivots: [Option<[i32; 3]>; PIVOTS],
+    /// Settings in force.
+    pub(super) settings: Settings,
+    capability: Versioned<Capability>,
+    /// Backlash configurations that the generator has been told.
+    told: [Option<PlayConfig>; AXES],
+    timing: Timing,
+    calibration: Option<Calibration>,
+    orders: heapless::Deque<WaitingOrder, ORDERS>,
+    block: heapless::Vec<u8, BLOCK_CAPACITY>,
+    planner: Planner,
 }
 
 // Most of it is the planner's slots. It lives in static memory, of which the board has 64 KB for everything.
