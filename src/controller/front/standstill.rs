@@ -6,8 +6,7 @@ use crate::compensation::backlash::Overlay;
 use crate::compensation::law::Law;
 use crate::error::{Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
-use crate::settings;
-use crate::settings::Settings;
+use crate::settings::{self, AxisSettings, Settings};
 use crate::stepgen::timing::Timing;
 use crate::units::steps::units_to_steps;
 use crate::units::{AXES, Axis, MotorSteps};
@@ -94,10 +93,11 @@ impl Front {
     /// # Errors
     /// 104 when backlash width, mode or reserve, the wiring or the homing change while moving.
     pub fn set_axes(&mut self, settings: &Settings) -> Result<(), Error> {
-        let reserve = |s: &Settings| s.axes.map(|a| (a.backlash.mode, a.backlash.distance, a.backlash.velocity));
-        let fitted = |s: &Settings| s.axes.map(|a| (a.wiring, a.home));
-        if reserve(settings) != reserve(&self.settings) || fitted(settings) != fitted(&self.settings) {
-            self.standstill()?;
+        for (new, own) in settings.axes.iter().zip(&self.settings.axes) {
+            let reserve = |a: &AxisSettings| (a.backlash.mode, a.backlash.distance, a.backlash.velocity);
+            if reserve(new) != reserve(own) || (new.wiring, new.home) != (own.wiring, own.home) {
+                self.standstill()?;
+            }
         }
         self.settings.axes = settings.axes;
         self.refresh_plays()
