@@ -4,7 +4,8 @@
     tests/emulator/panic_paths.py ELF
 
 Walks the calls of the linked program from each of those handlers: every function that can be reached is decoded, and
-none may be one that panics. A call through a register could lead anywhere: there must be none.
+none may be one that panics. A call through a register could lead anywhere: there must be none but those whose register
+was loaded with the address of a function in the same run of instructions, which is shorter where there are several.
 """
 
 import bisect
@@ -12,7 +13,7 @@ import re
 import sys
 
 from capstone import CS_ARCH_ARM, CS_MODE_MCLASS, CS_MODE_THUMB, Cs
-from capstone.arm import ARM_GRP_CALL, ARM_GRP_JUMP, ARM_OP_IMM
+from capstone.arm import ARM_GRP_CALL, ARM_GRP_JUMP, ARM_OP_IMM, ARM_OP_MEM, ARM_OP_REG, ARM_REG_PC
 from elftools.elf.elffile import ELFFile
 
 HANDLERS = [
@@ -64,20 +65,56 @@ class Program:
             if kind == "t":
                 yield begin, self.code[begin - self.base:stop - self.base]
 
+    def literal(self, insn):
+        """What an instruction loads from the literals behind its function; None for any other."""
+        if insn.mnemonic not in ("ldr", "ldr.w") or insn.operands[1].type != ARM_OP_MEM:
+            return None
+        where = insn.operands[1].mem
+        if where.base != ARM_REG_PC or where.index:
+            return None
+        at = (insn.address + 4 & ~3) + where.disp - self.base
+        return int.from_bytes(self.code[at:at + 4], "little")
+
+    def table(self, insn):
+        """Where a jump through the table behind it may lead."""
+        size = {"tbb": 1, "tbh": 2}.get(insn.mnemonic)
+        if size is None:
+            return
+        begin = insn.address + 4
+        end = self.mapping[bisect.bisect_right(self.mapping, (begin, "z"))][0]
+        for at in range(begin - self.base, end - self.base - size + 1, size):
+            yield begin + 2 * int.from_bytes(self.code[at:at + size], "little")
+
     def calls(self, start):
         """Functions called or jumped to, and calls through registers as text."""
         called, unknown = set(), []
-        for begin, code in self.chunks(start):
-            for insn in self.disassembler.disasm(code, begin):
-                if not (insn.group(ARM_GRP_CALL) or insn.group(ARM_GRP_JUMP)):
-                    continue
-                targets = [op.imm for op in insn.operands if op.type == ARM_OP_IMM]
-                if targets:
-                    target = self.function_at(targets[-1] & ~1)
-                    if target != start:
-                        called.add(target)
-                elif insn.mnemonic.startswith("blx") or (insn.mnemonic == "bx" and insn.op_str != "lr"):
-                    unknown.append(f"{insn.address:#x} {insn.mnemonic} {insn.op_str}")
+        code = [insn for begin, code in self.chunks(start) for insn in self.disassembler.disasm(code, begin)]
+        jumps = {insn.address: [op.imm & ~1 for op in insn.operands if op.type == ARM_OP_IMM][-1:]
+                 for insn in code if insn.group(ARM_GRP_CALL) or insn.group(ARM_GRP_JUMP)}
+        entered = {target for targets in jumps.values() for target in targets}
+        entered |= {target for insn in code for target in self.table(insn)}
+        loaded, expected = {}, None
+        for insn in code:
+            if insn.address != expected or insn.address in entered:
+                loaded.clear()
+            expected = insn.address + insn.size
+            targets = jumps.get(insn.address)
+            if targets:
+                target = self.function_at(targets[0])
+                if target != start:
+                    called.add(target)
+            elif insn.mnemonic == "blx" and insn.operands[0].type == ARM_OP_REG and insn.operands[0].reg in loaded:
+                called.add(self.function_at(loaded[insn.operands[0].reg] & ~1))
+            elif insn.mnemonic.startswith("blx") or (insn.mnemonic == "bx" and insn.op_str != "lr"):
+                unknown.append(f"{insn.address:#x} {insn.mnemonic} {insn.op_str}")
+            kept_by_calls = ("r4", "r5", "r6", "r7", "r8", "sb", "sl", "fp")
+            if insn.group(ARM_GRP_CALL):
+                loaded = {reg: value for reg, value in loaded.items() if insn.reg_name(reg) in kept_by_calls}
+            for reg in insn.regs_access()[1]:
+                loaded.pop(reg, None)
+            value = self.literal(insn)
+            if value is not None:
+                loaded[insn.operands[0].reg] = value
         return called, unknown
 
 
