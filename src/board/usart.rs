@@ -279,8 +279,8 @@ fn USART2() {
     let usart = pac::USART2;
     // reading the status and then the data clears what is handled here; the stream has taken the byte long since
     let status = usart.sr().read();
-    if !status.rxne() {
-        // otherwise the stream is about to read it, and must
+    if !status.rxne() || !pac::DMA1.st(RECEIVE).cr().read().en() {
+        // otherwise the stream is about to read it, and must; one that has failed never does, and this would not end
         let _ = usart.dr().read();
     }
     if status.fe() {
