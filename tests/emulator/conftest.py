@@ -48,10 +48,6 @@ def _sum_up():
 
 
 def pytest_terminal_summary(terminalreporter):
-    for report in terminalreporter.stats.get("xfailed", ()):
-        # those of passed tests are shown with what they print
-        for line in report.capstdout.splitlines():
-            terminalreporter.write_line(f"{line} (wanted more)" if line.startswith("figure: ") else line)
     if _worst["stack"]:
         us, _, where = _worst["critical"]
         name = where.split("17h")[0].strip("_")

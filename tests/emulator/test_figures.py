@@ -15,7 +15,7 @@ STACK = 64 * KB
 WANTED_LATENCY_US = 1000
 REFILL = 16 + 28
 # Golden poses that are tried: every so many of the forty.
-EVERY = 8
+EVERY = 4
 
 
 def calibrated(firmware, host_sim, machine, path):
@@ -74,8 +74,7 @@ def test_a_pose_begins_within_a_millisecond_of_its_last_byte(firmware, host_sim,
         assert errors(board) == []
     worst = max(found)
     figure(f"{machine}: last byte of POSE to the profile's begin: {min(found):.0f} to {worst:.0f} us over {len(poses)} golden poses")
-    if worst > WANTED_LATENCY_US:
-        pytest.xfail(f"the worst takes {worst:.0f} us, {WANTED_LATENCY_US} us are wanted")
+    assert worst <= WANTED_LATENCY_US
 
 
 def test_the_refill_leaves_time_for_everything_else(firmware, host_sim, tmp_path):
@@ -101,9 +100,7 @@ def test_the_program_fits(firmware):
     flash = sum(s["sh_size"] for s in sections.values() if s["sh_type"] == "SHT_PROGBITS")
     ram = sum(s["sh_size"] for s in sections.values() if 0x2000_0000 <= s["sh_addr"] < 0x2002_0000)
     figure(f"flash {flash / KB:.1f} KB of {WANTED_FLASH // KB}, static RAM {ram / KB:.1f} KB of {WANTED_RAM // KB}")
-    assert ram <= WANTED_RAM
-    if flash > WANTED_FLASH:
-        pytest.xfail(f"{flash / KB:.1f} KB of flash, {WANTED_FLASH // KB} KB are wanted")
+    assert flash <= WANTED_FLASH and ram <= WANTED_RAM
 
 
 def test_the_stack_is_large_enough_for_the_dearest_command(firmware, host_sim, tmp_path):
