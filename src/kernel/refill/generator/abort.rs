@@ -1,0 +1,62 @@
+//! Going back: to what was played when the motors were stopped, or behind silence that need not be played.
+
+use super::Generator;
+use super::first_tick;
+use super::history::{HISTORY, Stepping, place_of};
+use super::motor::Standing;
+use crate::compensation::coupling::HALF;
+use crate::stepgen::segment::{Emitter, Words};
+use crate::units::SEGMENT_TICKS;
+
+impl Generator {
+    /// The motors were stopped after `tick` words of `segment`: rolls back to what was played, at rest.
+    /// `words` are the words of that segment. The next segment is generated as the one after `segment`. In a segment
+    /// that was not generated there was silence, and all that was generated before it has been played.
+    pub fn abort(&mut self, segment: u64, tick: usize, words: &Words) {
+        let tick = tick.min(SEGMENT_TICKS);
+        let ends = match self.start_of(segment + 1) {
+            Some(_) => self.motors.map(|m| m.starts[place_of(segment + 1)]).map(|at| (at.target, at.position)),
+            None => self.motors.map(|motor| (motor.now.target, motor.now.position)),
+        };
+        self.aborts = self.aborts.wrapping_add(1);
+        self.running = 0;
+        let (start, words, tick) = match self.start_of(segment) {
+            Some(_) => (self.motors.map(|motor| motor.starts[place_of(segment)]), words, tick),
+            None => (self.motors.map(|motor| motor.now), &[0; SEGMENT_TICKS], 0),
+        };
+        let at = |from: i64, to: i64| from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64;
+        let played = words.get(..tick).unwrap_or(words);
+        let (base, resume) = (first_tick(segment), first_tick(segment + 1));
+        for (i, (motor, start)) in self.motors.iter_mut().zip(&start).enumerate() {
+            let emitter = Emitter::after_abort(&start.emitter, &motor.line, played, base, resume);
+            let count = emitter.emitted();
+            let target = at(start.target, ends[i].0) >> 32;
+            let overlay = (at(start.position, ends[i].1) >> 32) - target;
+            let steps = i64::from(count) - overlay;
+            let mut play = start.play;
+            play.abort(steps as i32, overlay as i32, motor.config.dead_band);
+            let (target, position) = ((steps << 32) + HALF, (i64::from(count) << 32) + HALF);
+            motor.now = Standing { target, position, emitter, play };
+        }
+        self.moving = 0;
+        self.look_at_motors();
+        self.steady = 0;
+        self.segment = segment + 1;
+        self.busy_until = self.segment;
+        (self.halted, self.played) = (segment, self.segment);
+        self.stepping = Stepping::default();
+    }
+
+    /// Takes back what was made from `segment` on, if nothing moves in it: what is to begin as soon as possible need
+    /// not wait until that silence has played. The words are as hardware has cleared them, so they stay.
+    #[inline(never)]
+    pub fn take_back(&mut self, segment: u64) {
+        let back = self.segment.saturating_sub(segment);
+        if back > u64::from(self.steady) || back >= HISTORY as u64 {
+            return;
+        }
+        self.segment = segment;
+        self.steady -= back as u8;
+        self.stepping.take_back(back);
+    }
+}
