@@ -306,7 +306,7 @@ impl Board {
         false
     }
 
-    /// [`Board::run`] for as long as it takes (up to three hours of virtual time), unobserved.
+    /// [`Board::run`] for as long as it takes (up to six hours of virtual time), unobserved.
     pub fn settle(&mut self) -> bool {
         self.run(84_375_000, |_| ())
     }

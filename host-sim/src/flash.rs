@@ -1,8 +1,8 @@
 //! The flash that keeps settings: two sectors of 16 KB with the rules of the chip, and its ways to fail.
 //!
 //! # Design
-//! A word of four bytes can be written once after an erase, an erase takes a whole sector. Work is counted in units, one
-//! for each word and [`ERASE_UNITS`] for each erase, so that a test can cut the power in front of any unit; what is
+//! A word of four bytes can be written once after an erase, an erase takes a whole sector. Work is counted in units,
+//! one for each word and [`ERASE_UNITS`] for each erase, so that a test can cut the power in front of any unit; what is
 //! under way is then left half done. With a file everything that is done goes there at once.
 
 use crate::board::Seeded;

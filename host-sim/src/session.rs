@@ -32,8 +32,8 @@ pub fn power_up(machine: &Machine, cold: bool) -> Result<Front, String> {
     Ok(front)
 }
 
-/// The front as a board starts it from its flash; the machine's calibration where none could be read. `cold`: not homed,
-/// the motors where they were saved. Otherwise enabled and homed at 0, where the virtual stage begins.
+/// The front as a board starts it from its flash; the machine's calibration where none could be read. `cold`: not
+/// homed, the motors where they were saved. Otherwise enabled and homed at 0, where the virtual stage begins.
 ///
 /// # Errors
 /// The calibration's refusal as text.

@@ -243,6 +243,60 @@ fn at_rest_a_move_begins_with_the_next_segment_that_can_be_made_in_time() {
     }
 }
 
+/// What may come between the order of a move and its answer, or soon after.
+#[test]
+fn whatever_comes_while_a_move_from_rest_begins_leaves_counts_and_the_next_move_exact() {
+    let mut seeded = Seeded::new(17);
+    let mut desk = Desk::new();
+    let (mut halts, mut coarse) = (0, false);
+    for n in 0..600 {
+        let target = if n % 2 == 0 { THERE } else { [0; AXES] };
+        for _ in 0..seeded.below(6) {
+            desk.segment(0);
+        }
+        desk.hardware.play(seeded.below(TICKS));
+        if n % 5 == 4 {
+            // the pulses change, and the move follows in the same breath
+            coarse = !coarse;
+            let mut settings = *desk.front.settings();
+            let ns = if coarse { 5_000 } else { 1_000 };
+            settings.axes.iter_mut().for_each(|axis| (axis.timing.high_ns, axis.timing.low_ns) = (ns, ns));
+            desk.front.set_pulses(&settings).unwrap();
+            desk.service(None);
+            desk.hardware.play(seeded.below(40));
+            desk.service(None);
+        }
+        desk.pose(target);
+        for _ in 0..seeded.below(4) {
+            desk.service(None);
+            desk.hardware.play(seeded.below(40));
+        }
+        match n % 4 {
+            0 => {
+                desk.hardware.play(seeded.below(3 * TICKS));
+                desk.hardware.stop();
+                let cause = if seeded.below(2) == 0 { Cause::Requested } else { Cause::Limit };
+                desk.service(Some(Halt { cause, ..Halt::default() }));
+                halts += 1;
+            }
+            1 => {
+                desk.wishes.pause = true;
+                desk.segment(0);
+                desk.wishes.pause = false;
+                desk.service(None);
+            }
+            2 => desk.segment(seeded.below(3 * TICKS)),
+            _ => {}
+        }
+        desk.check();
+        desk.pose(target);
+        desk.check();
+        assert_eq!(desk.front.report().steps, desk.steps_of(target), "{n}: the next move is exact");
+    }
+    assert_eq!(desk.causes.iter().filter(|cause| matches!(cause, Cause::Requested | Cause::Limit)).count(), halts);
+    assert!(!desk.causes.contains(&Cause::Output), "no word came too late");
+}
+
 #[test]
 fn a_refill_that_never_comes_leaves_silence() {
     let mut desk = Desk::new();

@@ -38,8 +38,8 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     halt()
 }
 
-/// Anything that the processor cannot do, an overflow of the stack among it: the stack that is left cannot be trusted, so
-/// it begins anew.
+/// Anything that the processor cannot do, an overflow of the stack among it: the stack that is left cannot be trusted,
+/// so it begins anew.
 #[exception(trampoline = false)]
 unsafe fn HardFault() -> ! {
     // SAFETY: nothing returns to what was interrupted.

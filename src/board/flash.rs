@@ -1,8 +1,9 @@
 //! Flash sectors 1 and 2: what the settings are kept in.
 //!
 //! # Limitations
-//! The chip has one bank: while a sector is erased (400 ms, at most 800 ms: byte by byte, data sheet table 40) or a word is programmed
-//! (16 us), the processor stands, interrupts and all. The step stream must stand too; DMA still takes bytes in.
+//! The chip has one bank: while a sector is erased (400 ms, at most 800 ms: byte by byte, data sheet table 40) or a
+//! word is programmed (16 us), the processor stands, interrupts and all. The step stream must stand too; DMA still
+//! takes bytes in.
 
 use super::supervision;
 use embassy_stm32::flash::{Bank1Region1, Blocking, Error as FlashError, Flash, WRITE_SIZE};

@@ -3,8 +3,8 @@
 
 use core::arch::global_asm;
 
-// As the run-time ABI for the Arm architecture wants them (IHI 0043, "Memory copying, clearing, and setting"): r0 and r1
-// the addresses, r2 the bytes, r3 and r12 free. The C functions return r0.
+// As the run-time ABI for the Arm architecture wants them (IHI 0043, "Memory copying, clearing, and setting"): r0 and
+// r1 the addresses, r2 the bytes, r3 and r12 free. The C functions return r0.
 global_asm!(
     ".syntax unified",
     ".macro function name",

@@ -28,7 +28,7 @@ use static_cell::StaticCell;
 /// Orders on their way down; one place of a queue stays empty.
 const ORDERS: usize = 5;
 
-/// The thread is woken by what changes, and after this many refills anyhow: before the reports have filled their queue.
+/// The thread is woken by what changes, and after this many refills anyhow.
 const CALM: u8 = 4;
 
 /// Lines of EXTI that carry limit switches.
@@ -304,8 +304,9 @@ fn EXTI15_10() {
     judge();
 }
 
-/// The contact of the emergency stop has opened: the gate has stopped the steps already, this makes it last. By the edge,
-/// which the line remembers, and not by the timer's trigger flag, which also tells of every start (RM0090, 17.4.5).
+/// The contact of the emergency stop has opened: the gate has stopped the steps already, this makes it last. By the
+/// edge, which the line remembers, and not by the timer's trigger flag, which also tells of every start (RM0090,
+/// 17.4.5).
 #[interrupt]
 fn EXTI0() {
     pac::EXTI.pr(0).write(|w| w.0 = STOP.bit());

@@ -5,7 +5,8 @@ use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Timer;
 
-/// The watchdog bites after this time without food, us: longer than the erase of a sector, 800 ms at most (data sheet, table 40).
+/// The watchdog bites after this time without food, us: longer than the erase of a sector, 800 ms at most (data sheet,
+/// table 40).
 pub const BITE_US: u32 = 2_000_000;
 /// Between two looks, ms.
 const LOOK_MS: u64 = 100;

@@ -1,11 +1,11 @@
 //! The serial port: USART2 on PA2 and PA3, 8N1, received and sent by DMA (RM0090, 30).
 //!
 //! # Design
-//! Reception runs for ever into a ring of [`RING`] bytes; the controller reads it where it lies. The line going idle wakes
-//! the controller, and it looks around once a millisecond anyhow. Idle is told a byte after the last one, which is 87 us
-//! at 115200 baud: while a message is coming its LF is looked for more often ([`Serial::line_end`]). A damaged byte stops nothing: the interrupt notes
-//! where it lies in the ring, and what came up to it is dropped. A break is a damaged byte after which the line is
-//! still low.
+//! Reception runs for ever into a ring of [`RING`] bytes; the controller reads it where it lies. The line going idle
+//! wakes the controller, and it looks around once a millisecond anyhow. Idle is told a byte after the last one, which
+//! is 87 us at 115200 baud: while a message is coming its LF is looked for more often ([`Serial::line_end`]). A damaged
+//! byte stops nothing: the interrupt notes where it lies in the ring, and what came up to it is dropped. A break is a
+//! damaged byte after which the line is still low.
 //!
 //! The driver of the HAL is not used: after an error it restarts the stream without setting its address and count anew,
 //! so that ring and stream disagree from then on.
@@ -23,7 +23,7 @@ use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_stm32::pac::Interrupt;
 use embassy_stm32::pac::dma::vals::{Dir, Pl, Size};
-use embassy_time::{Duration, Timer};
+use embassy_time::Timer;
 use stage_controller::hal::{Port, PortEvent};
 use static_cell::ConstStaticCell;
 
@@ -31,9 +31,10 @@ use static_cell::ConstStaticCell;
 const RING: usize = 2048;
 /// Bytes that may wait to be sent.
 const OUTPUT: usize = 512;
-/// How often the end of a message that is coming is looked for.
-const LOOK: Duration = Duration::from_micros(20);
-/// Looks without a byte after which its sender seems to rest.
+/// How often the end of a message that is coming is looked for, us.
+const LOOK_US: u32 = 20;
+/// Its sender seems to rest when for this long, in bits, and as many looks beside nothing has come.
+const PATIENCE_BITS: u32 = 20;
 const LOOKS: u32 = 10;
 /// Clock of USART2, Hz: that of APB1.
 const CLOCK_HZ: u32 = 42_000_000;
@@ -64,7 +65,9 @@ pub struct Serial {
     read: u64,
     /// Bytes of the whole rounds that the stream has gone.
     rounds: u64,
-    /// The last bytes that were taken over end within a message.
+    /// Bytes that were offered last.
+    offered: usize,
+    /// All of them were taken over, and end within a message.
     within: bool,
     output: &'static mut [u8; OUTPUT],
     /// Bytes of the output from `sent`, `waiting` of them, the first `sending` of which the stream has.
@@ -103,7 +106,7 @@ impl Serial {
             // SAFETY: the handlers share atomics with the thread.
             unsafe { NVIC::unmask(interrupt) };
         }
-        Serial { baud, read: 0, rounds: 0, within: false, output, sent: 0, waiting: 0, sending: 0 }
+        Serial { baud, read: 0, rounds: 0, offered: 0, within: false, output, sent: 0, waiting: 0, sending: 0 }
     }
 
     /// Nothing waits to be sent, and the last bit is out.
@@ -124,14 +127,15 @@ impl Serial {
     /// Waits for an LF, if a message is coming; else, and once its sender rests, for ever.
     pub async fn line_end(&mut self) {
         let (mut seen, mut quiet) = (self.read, 0);
-        while self.within && quiet < LOOKS {
+        let patience = LOOKS + PATIENCE_BITS * 1_000_000 / self.baud / LOOK_US;
+        while self.within && quiet < patience {
             let written = self.written();
             if (seen..written).any(|at| received(at) == b'\n') {
                 return;
             }
             quiet = if written == seen { quiet + 1 } else { 0 };
             seen = written;
-            Timer::after(LOOK).await;
+            Timer::after_micros(LOOK_US.into()).await;
         }
         self.within = false;
         core::future::pending().await
@@ -179,7 +183,8 @@ impl Serial {
             w.set_dmeif(SEND % 4, true);
             w.set_feif(SEND % 4, true);
         });
-        // the end of transmission is that of these bytes; ones elsewhere: a zero would also clear a byte that has just come (RM0090, 30.6.1)
+        // the end of transmission is that of these bytes; ones elsewhere: a zero would also clear a byte that has just
+        // come (RM0090, 30.6.1)
         pac::USART2.sr().write_value(pac::usart::regs::Sr(!TRANSMISSION_COMPLETE));
         cortex_m::asm::dmb();
         stream.par().write_value(pac::USART2.dr().as_ptr() as u32);
@@ -221,6 +226,7 @@ impl Port for Serial {
         }
         let (from, count) = ((self.read % RING as u64) as usize, (written - self.read) as usize);
         let end = (from + count).min(RING);
+        self.offered = end - from;
         // SAFETY: the stream writes behind `written`; it takes a whole round, and then an overrun, to come here again.
         let input = unsafe { &*INPUT.0.get() };
         input.get(from..end).unwrap_or(&[])
@@ -228,8 +234,9 @@ impl Port for Serial {
 
     fn consume(&mut self, count: usize) {
         self.read += count as u64;
-        if count > 0 {
-            self.within = received(self.read - 1) != b'\n';
+        if self.offered > 0 {
+            // what is not taken now waits for something else than bytes
+            self.within = count == self.offered && received(self.read - 1) != b'\n';
         }
     }
 

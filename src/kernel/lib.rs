@@ -11,7 +11,7 @@
 //! - [`stepgen`] places the steps of all six motors into words, one for each tick of 1 us.
 //! - [`units`] names the quantities; [`error`] the errors; [`wire`] turns records into bytes.
 //!
-//! It knows nothing of language, links and settings. A crate of its own, because it is compiled for speed and what
+//! It knows nothing of messages, links and settings. A crate of its own, because it is compiled for speed and what
 //! surrounds it for size.
 #![no_std]
 #![forbid(unsafe_code)]

@@ -1,8 +1,9 @@
 //! Numbers to bytes and back: one description of a record serves both ways.
 //!
-//! The bytes are those of postcard: a `u8` and a `bool` as they are, larger numbers seven bits a byte from the least
-//! on with the top bit saying that more follow, signed ones zigzag, the place of a variant or a length as a number of 32
-//! bits, `Option` as a `bool` in front. A reader and a writer per field, as serde has them, take several times the code.
+//! The bytes are those of postcard: a `u8` and a `bool` as they are, larger numbers seven bits a byte from the least on
+//! with the top bit saying that more follow, signed ones zigzag, the place of a variant or a length as a number of 32
+//! bits, `Option` as a `bool` in front. A reader and a writer per field, as serde has them, take several times the
+//! code.
 
 use crate::units::Axis;
 

@@ -9,9 +9,9 @@
 //!
 //! # Wear
 //! Flash is written by `*SAV` and `SYSTem:PARK` alone, never by itself: an erase stalls the processor for up to half a
-//! second, and a stage that comes to rest every other minute would wear its sectors out in a year and a half (1000 saves
-//! erase each of them 26 times, and it bears 10000 erases). Standstill between two saves is kept in the memory that
-//! outlives a reset; a power cut in between costs the home position.
+//! second, and a stage that comes to rest every other minute would wear its sectors out in a year and a half (1000
+//! saves erase each of them 26 times, and it bears 10000 erases). Standstill between two saves is kept in the memory
+//! that outlives a reset; a power cut in between costs the home position.
 
 pub mod flash;
 pub mod record;

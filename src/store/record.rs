@@ -1,8 +1,8 @@
 //! The record that `*SAV` keeps.
 //!
-//! Layout: magic `SREC`, version (u16), zero (u16), sequence number (u32), CRC-32 (ISO-HDLC, of all but itself),
-//! where the motors stood (64 bytes, [`Standstill`]), payload (postcard's bytes, by [`Wire`]). The first sixteen bytes are the same in every
-//! version, so that a record of another version is known as one.
+//! Layout: magic `SREC`, version (u16), zero (u16), sequence number (u32), CRC-32 (ISO-HDLC, of all but itself), where
+//! the motors stood (64 bytes, [`Standstill`]), payload (postcard's bytes, by [`Wire`]). The first sixteen bytes are
+//! the same in every version, so that a record of another version is known as one.
 
 use super::StoreError;
 use super::standstill::{STANDSTILL_BYTES, Standstill};

@@ -32,8 +32,8 @@ pub async fn start<F: NorFlash>(store: &mut Store<F>, front: &mut Front, buffer:
     Found::default()
 }
 
-/// Says where the motors stand, after [`start`]: by `kept`, the copy that outlived the reset, or else by what was saved,
-/// which does not know what has moved since.
+/// Says where the motors stand, after [`start`]: by `kept`, the copy that outlived the reset, or else by what was
+/// saved, which does not know what has moved since.
 pub fn stand(front: &mut Front, cause: Start, kept: Option<Standstill>, found: Found) {
     match (kept, found.standstill) {
         (Some(kept), _) => front.restore(&kept, cause),

@@ -28,8 +28,8 @@ POSE 0,0,0,0,0,0
 *WAI
 ";
 
-/// Write what the step output plays in a session: its STEP and DIR lines as a VCD file, one unit of time a tick of 1 us,
-/// or the bare words.
+/// Write what the step output plays in a session: its STEP and DIR lines as a VCD file, one unit of time a tick of 1
+/// us, or the bare words.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Machine file (TOML), or `paper` for the built-in machine.

@@ -99,8 +99,9 @@ impl Front {
     /// Homes an axis on the limit switch that `HOME:TYPE` names.
     ///
     /// # Errors
-    /// 103 while the emergency stop is latched, -213 while a homing runs, 104 while moving, 108 disabled, -221 when
-    /// the switches of the axis are not watched, 102 when both are active, -222 when the counts cannot be named without the calibration.
+    /// 103 while the emergency stop is latched, -213 while a homing runs, 104 while moving, 108 disabled, -221 when the
+    /// switches of the axis are not watched, 102 when both are active, -222 when the counts cannot be named without the
+    /// calibration.
     pub fn home(&mut self, axis: Axis) -> Result<(), Error> {
         self.armed()?;
         self.not_homing()?;
@@ -188,7 +189,8 @@ impl Front {
         }
     }
 
-    /// Ends a homing at rest: the law that calibration, switches and pivot ask for comes back. Does nothing without one.
+    /// Ends a homing at rest: the law that calibration, switches and pivot ask for comes back. Does nothing without
+    /// one.
     pub(super) fn end_homing(&mut self, error: Option<Error>) {
         let Some(homing) = self.homing.take() else { return };
         self.events.homing = error.or(self.events.homing);

@@ -2,8 +2,8 @@
 //!
 //! # Design
 //! It never touches a word. What it knows of the motion comes from the latest [`Report`]; what it wants goes down as
-//! [`Order`](crate::refill::border::Order)s. Changes of the law, of counts and of pulses happen at standstill only and leave
-//! every motor where it is: the logical pose is recomputed by the forward map.
+//! [`Order`](crate::refill::border::Order)s. Changes of the law, of counts and of pulses happen at standstill only and
+//! leave every motor where it is: the logical pose is recomputed by the forward map.
 
 mod calibration;
 mod dry_run;

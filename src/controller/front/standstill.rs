@@ -1,13 +1,13 @@
 //! What is named or set at standstill: counts, drivers, pulses, settings.
 
 use super::orders::Waiting;
+use super::storage::timing;
 use super::{Abort, Anchored, Front, NO_LIMITS, PIVOTS, check_step_rates};
 use crate::compensation::backlash::Overlay;
 use crate::compensation::law::Law;
 use crate::error::{Error, ErrorNumber};
 use crate::motion::limits::{AxisLimits, Limits};
 use crate::settings::{self, AxisSettings, Settings};
-use crate::stepgen::timing::Timing;
 use crate::units::steps::units_to_steps;
 use crate::units::{AXES, Axis, MotorSteps};
 
@@ -77,9 +77,7 @@ impl Front {
     /// the times are too long.
     pub fn set_pulses(&mut self, settings: &Settings) -> Result<(), Error> {
         self.standstill()?;
-        let timing = Timing::new(settings.axes.map(|a| a.timing))
-            .ok_or(Error::text(ErrorNumber::DataOutOfRange, "pulse times above 32 us, or set-up or hold above 128 us"))?
-            .with_inverted(settings.axes.map(|a| a.inverted));
+        let timing = timing(settings)?;
         check_step_rates(&timing, &self.motors())?;
         self.order(Waiting::Pulses)?;
         self.timing = timing;

@@ -231,7 +231,10 @@ impl Front {
 }
 
 /// Pulse timing that settings ask for.
-fn timing(settings: &Settings) -> Result<Timing, Error> {
+///
+/// # Errors
+/// -222 when the times are too long.
+pub(super) fn timing(settings: &Settings) -> Result<Timing, Error> {
     let timing = Timing::new(settings.axes.map(|a| a.timing))
         .ok_or(Error::text(ErrorNumber::DataOutOfRange, "pulse times above 32 us, or set-up or hold above 128 us"))?;
     Ok(timing.with_inverted(settings.axes.map(|a| a.inverted)))

@@ -20,8 +20,8 @@ pub fn row<const N: usize>(coefficients: &[i32; N], coordinates: &[i64; N], bits
     target(dot(coordinates.map(whole)), dot(coordinates.map(part)), factor(bits))
 }
 
-/// What brings a sum from Q`bits` to Q29 when the upper half of the product is taken. A law keeps it, because a power of
-/// two that the compiler knows would become slower shifts.
+/// What brings a sum from Q`bits` to Q29 when the upper half of the product is taken. A law keeps it, because a power
+/// of two that the compiler knows would become slower shifts.
 pub fn factor(bits: u8) -> i32 {
     1 << (61u32.wrapping_sub(bits.into()) & 31)
 }

@@ -172,7 +172,7 @@ fn coefficient(x: i128, up: i32) -> Option<i64> {
     }
     let term = match down {
         128.. => 0,
-        1.. => (((size >> (down - 1)) as u64) + 1) >> 1,
+        1.. => ((size >> (down - 1)) as u64).saturating_add(1) >> 1,
         _ => (size << -down) as u64,
     };
     (term < STEEPEST).then_some(if x < 0 { -(term as i64) } else { term as i64 })

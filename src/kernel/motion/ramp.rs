@@ -15,7 +15,7 @@ pub(super) const BITS: u32 = 104;
 pub(super) const FROM_Q60: u32 = BITS - 60;
 /// From Q90 to the planner's numbers.
 pub(super) const FROM_Q90: u32 = BITS - 90;
-/// Longest profile in segments (76 hours).
+/// Longest profile in segments (152 hours).
 pub(super) const LONGEST: u64 = 1 << 31;
 /// Largest magnitude of a position at a phase border, Q60.
 pub(super) const FARTHEST: i64 = 4 << 60;
@@ -82,8 +82,10 @@ impl Rates {
         }
         let (dv, a) = (Rough::wide_up(dv), Rough::wide_down(self.a.unsigned_abs()));
         let j = Rough::wide_down(self.j.unsigned_abs());
-        let q = dv.over_up(a).ceil(0).max(dv.over_up(j).root_up().ceil(0));
-        let p = dv.over_up(j.times_down(Rough::down(q, 0))).ceil(0);
+        // both from one quotient, so that the second is never the larger one, however it was rounded
+        let square = dv.over_up(j);
+        let q = dv.over_up(a).ceil(0).max(square.root_up().ceil(0));
+        let p = square.over_up(Rough::down(q, 0)).ceil(0);
         Some([whole(p)?, whole(q)?.checked_sub(whole(p)?)?, whole(p)?])
     }
 
@@ -201,7 +203,8 @@ impl Rates {
     }
 }
 
-/// Rounded up to whole segments. What is rounded were quotients of their own: a hair is forgiven, [`Rates::relax`] checks.
+/// Rounded up to whole segments. What is rounded were quotients of their own: a hair is forgiven, [`Rates::relax`]
+/// checks.
 fn nearly(t: Rough) -> Option<u32> {
     const HAIR: Rough = Rough::ONE.shifted(-13);
     whole(t.minus_down(HAIR).ceil(0))
@@ -212,9 +215,9 @@ pub(super) fn segments(n: i128) -> Option<u32> {
     (0..=i128::from(LONGEST)).contains(&n).then_some(n as u32)
 }
 
-/// The same.
+/// As [`segments`].
 pub(super) fn whole(n: u64) -> Option<u32> {
-    (n <= LONGEST).then_some(n as u32)
+    segments(i128::from(n))
 }
 
 /// The peak acceleration of a ramp over `dv` with these durations.
@@ -226,4 +229,30 @@ pub(super) fn peak(a0: i128, dv: i128, n: [u32; 3]) -> Option<i128> {
     }
     let known = wide::times(a0, n[0])?;
     Some(wide::signed_div(2 * dv - known, weight.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    /// Where velocity is jerk times a whole square, both quotients lie on a whole number, and only their rounding
+    /// decides.
+    #[test]
+    fn a_ramp_over_a_whole_square_of_its_jerk_has_its_durations() {
+        let mut random = Random(3);
+        for _ in 0..200_000 {
+            let q = 1 + (random.bits() % 300) as u32;
+            let j = i128::from(1 + (random.bits() >> 32)) << (20 + random.bits() % 30);
+            let rates = Rates { v: i128::MAX, a: i128::from(u32::MAX) << 90, j };
+            // the velocity itself, and a little less
+            for dv in [0, 1 << 20].map(|less| j * i128::from(q * q) - less) {
+                let n = rates.symmetric(dv).expect("it can be ramped");
+                assert_eq!(n[0], n[2]);
+                let needed = i128::from(n[0]) * i128::from(n[0] + n[1]);
+                assert!(j * needed >= dv, "jerk within its limit: {q} {j} {n:?}");
+                assert!((q..=q + 1).contains(&(n[0] + n[1])) && n[0] <= q + 1, "no longer than it must be: {q} {n:?}");
+            }
+        }
+    }
 }

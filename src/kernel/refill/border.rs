@@ -68,6 +68,14 @@ pub struct Order {
     pub action: Action,
 }
 
+impl Order {
+    /// A track that is to begin as soon as it is seen. Other orders wait for what was made before them: after a change
+    /// of pulses its words would have to be cleared on another grid.
+    pub fn runs_at_once(&self) -> bool {
+        self.segment.is_none() && matches!(self.action, Action::Run { .. })
+    }
+}
+
 /// Where the generator takes its orders from.
 pub trait Orders {
     /// The oldest order, if there is one.

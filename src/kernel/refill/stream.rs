@@ -7,7 +7,7 @@
 //! refill interrupt; the hardware is a [`StepSink`].
 //!
 //! # At rest
-//! An order that is to take effect as soon as it is seen does not wait for the silence that was made ahead: that is taken
+//! A track that is to begin as soon as it is seen does not wait for the silence that was made ahead: that is taken
 //! back, as far as there is time to make it anew.
 //!
 //! # When it stops
@@ -19,7 +19,7 @@
 //! played instead was silence, and the position stays exact ([`Cause::Deadline`]). If the processor is held up *while*
 //! it writes, some of the words may have come too late: [`Cause::Output`], the position is uncertain.
 
-use super::border::{Orders, Report};
+use super::border::{Order, Orders, Report};
 use super::generator::Generator;
 use super::safety::{Cause, Halt, Inputs, Watch};
 use crate::stepgen::segment::Words;
@@ -122,7 +122,7 @@ impl Stream {
                     self.state = State::Paused;
                 }
                 None => {
-                    if orders.peek().is_some_and(|order| order.segment.is_none()) {
+                    if orders.peek().is_some_and(Order::runs_at_once) {
                         self.generator.take_back(in_time(at));
                     }
                     playing = self.fill(sink, orders, at.0);

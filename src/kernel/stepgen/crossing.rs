@@ -1,10 +1,10 @@
 //! When a motor on a straight line passes whole steps.
 //!
-//! Time inside a segment is a `u32` whose range is the segment, Q8.24 ticks: it cannot leave the segment
-//! and `time >> FRACTION_BITS` is the tick. Upwards a step falls due when the floor of the position rises, downwards when it falls:
-//! after the distance `k + 1 - frac` and `k + frac + 2^-32` for the k-th (k = 0, 1, …). Steps are
-//! put one unit of 2^-32 step before their crossing; then the last one lies inside the segment
-//! even if the motor arrives exactly on a whole step, and both directions read alike.
+//! Time inside a segment is a `u32` whose range is the segment, Q8.24 ticks: it cannot leave the segment and `time >>
+//! FRACTION_BITS` is the tick. Upwards a step falls due when the floor of the position rises, downwards when it falls:
+//! after the distance `k + 1 - frac` and `k + frac + 2^-32` for the k-th (k = 0, 1, …). Steps are put one unit of 2^-32
+//! step before their crossing; then the last one lies inside the segment even if the motor arrives exactly on a whole
+//! step, and both directions read alike.
 //!
 //! # Accuracy
 //! Every time is rounded down: late by nothing, early by less than 2^-20 tick (and the 2^-32 step

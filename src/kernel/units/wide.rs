@@ -2,8 +2,8 @@
 //!
 //! # Design
 //! A compiler for a Cortex-M4 expands every division of 128 bits in place, bit by bit: near 1 KB of code and 3,000
-//! instructions each. Here each operation exists once, in digits of 32 bits, for about 100 to 200 instructions
-//! (Knuth, The Art of Computer Programming 2, 4.3.1, algorithm D, whose half digits the processor's own division finds).
+//! instructions each. Here each operation exists once, in digits of 32 bits, for about 100 to 200 instructions (Knuth,
+//! The Art of Computer Programming 2, 4.3.1, algorithm D, whose half digits the processor's own division finds).
 //! Nothing here panics: a division by zero saturates.
 
 /// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set: two half digits by the

@@ -10,8 +10,8 @@
 //! of them it has seen. So the link must offer refused bytes again, first and unchanged, and should offer whatever it
 //! has. `!` calls [`Instrument::abort`] at the next poll, before anything else. What stands in front of it is still
 //! executed in order (no setting and no answer is lost, a pending *OPC? answers once motion has ended), but until the
-//! `!` is reached each command is followed by an abort: nothing sent before a `!` moves on after it. 0x18 clears the link
-//! and everything in front of it; inside block data both are data.
+//! `!` is reached each command is followed by an abort: nothing sent before a `!` moves on after it. 0x18 clears the
+//! link and everything in front of it; inside block data both are data.
 
 use crate::error::{Error, ErrorNumber};
 use crate::scpi::common;

@@ -94,7 +94,8 @@ impl Planner {
             position_profile(state, active.goal, limits, profile)
         };
         if planned.is_none() {
-            // it goes on as planned, and ends there
+            // it goes on as planned; a stop is tried again from where it is then
+            entry.stop = stop;
             return;
         }
         // Whole segments make a stop longer than the ideal one, by up to two: it may end beyond the goal. (One that
