@@ -1,6 +1,9 @@
 //! The keys and units of a machine file, and the checks of its values.
 
-use super::{Drive, LARGEST_STATIC, Machine, MachineError, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING, StaticErrors};
+use super::{
+    Drive, LARGEST_STATIC, Machine, MachineError, Mount, Mounts, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING,
+    StaticErrors,
+};
 use serde::Deserialize;
 use stage_controller::controller::front::{REFERENCE_NM, REFERENCE_NRAD};
 use stage_controller::units::{AXES, Axis, COORDINATE_LIMIT};
@@ -45,7 +48,23 @@ pub struct MachineFile {
     axis_offset_um: Offsets,
     #[serde(default)]
     static_rad: StaticErrors,
+    #[serde(default)]
+    mount: MountsFile,
     axes: Stages,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct MountsFile {
+    fibre: MountFile,
+    chip: MountFile,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct MountFile {
+    offset_um: Row<3>,
+    rot_rad: Row<3>,
 }
 
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -203,6 +222,16 @@ impl TryFrom<MachineFile> for Machine {
                 return Err(MachineError::value(format!("static_rad.{name}"), value, reason));
             }
         }
+        let mount = |name: &str, written: MountFile| {
+            let rotation_rad = written.rot_rad.0;
+            if !rotation_rad.iter().all(|v| v.abs() <= LARGEST_STATIC) {
+                let reason = format!("a mounting error is at most {LARGEST_STATIC} rad about each axis");
+                return Err(MachineError::value(format!("mount.{name}.rot_rad"), format!("{rotation_rad:?}"), reason));
+            }
+            let offset_nm = position(&format!("mount.{name}.offset_um"), written.offset_um.0)?;
+            Ok(Mount { offset_nm, rotation_rad })
+        };
+        let mounts = Mounts { fibre: mount("fibre", file.mount.fibre)?, chip: mount("chip", file.mount.chip)? };
         let stages = &file.axes;
         let drives = [
             Written::linear(Axis::X, &stages.X).check()?,
@@ -218,6 +247,7 @@ impl TryFrom<MachineFile> for Machine {
             order,
             axis_offset_nm,
             statics: file.static_rad,
+            mounts,
             drives,
         })
     }

@@ -119,6 +119,24 @@ impl StaticErrors {
     }
 }
 
+/// How a part is mounted: where its frame really lies in the one that it is meant to coincide with.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Mount {
+    /// Position, nm.
+    pub offset_nm: [f64; 3],
+    /// Orientation: the rotation `exp([rotation]x)`, rad.
+    pub rotation_rad: [f64; 3],
+}
+
+/// How the fibre array sits on the last stage, and the chip on the base.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Mounts {
+    /// The fibre array frame in that of the last stage.
+    pub fibre: Mount,
+    /// The chip in the base frame.
+    pub chip: Mount,
+}
+
 /// One motor and the stage that it drives, in nm or, for a rotary stage, nrad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
@@ -151,6 +169,8 @@ pub struct Machine {
     pub axis_offset_nm: [[f64; 3]; AXES],
     /// Static angular errors.
     pub statics: StaticErrors,
+    /// Mounting of fibre array and chip.
+    pub mounts: Mounts,
     /// Motors in axis order.
     pub drives: [Drive; AXES],
 }
