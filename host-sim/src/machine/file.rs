@@ -1,5 +1,6 @@
 //! The keys and units of a machine file, and the checks of its values.
 
+use super::kinematic::KinematicFile;
 use super::{
     Drive, LARGEST_STATIC, Machine, MachineError, Mount, Mounts, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING,
     StaticErrors,
@@ -50,6 +51,8 @@ pub struct MachineFile {
     static_rad: StaticErrors,
     #[serde(default)]
     mount: MountsFile,
+    #[serde(default)]
+    kinematic: KinematicFile,
     axes: Stages,
 }
 
@@ -241,7 +244,12 @@ impl TryFrom<MachineFile> for Machine {
             Written::rotary(Axis::Beta, &stages.beta).check()?,
             Written::rotary(Axis::Gamma, &stages.gamma).check()?,
         ];
+        let travels = std::array::from_fn(|i| {
+            let scale = if Axis::ALL[i].is_rotary() { NRAD_PER_DEG } else { 1e3 };
+            drives[i].travel.map(|end| end / scale)
+        });
         Ok(Machine {
+            kinematic: file.kinematic.check(travels)?,
             fibre_point_nm: position("fibre_point_um", file.fibre_point_um.0)?,
             name: file.name,
             order,

@@ -4,8 +4,10 @@
 //! in axis order. Errors name the key and the value.
 
 mod file;
+mod kinematic;
 
 pub use file::MachineFile;
+pub use kinematic::{Component, ErrorName, Function, Kinematic, LARGEST_KINEMATIC_UM};
 
 use serde::Deserialize;
 use stage_controller::units::{AXES, Axis};
@@ -171,6 +173,8 @@ pub struct Machine {
     pub statics: StaticErrors,
     /// Mounting of fibre array and chip.
     pub mounts: Mounts,
+    /// Errors that depend on where a stage stands.
+    pub kinematic: Kinematic,
     /// Motors in axis order.
     pub drives: [Drive; AXES],
 }

@@ -139,6 +139,7 @@ impl Dice {
                 axis_offset_nm: offsets,
                 statics: StaticErrors::from_values(statics),
                 mounts: Mounts::default(),
+                kinematic: Default::default(),
                 drives: Axis::ALL.map(|axis| self.drive(axis)),
             };
             let stage = Stage::new(machine);
