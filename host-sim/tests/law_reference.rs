@@ -1,7 +1,7 @@
 //! The f64 law against vectors made by an independent program, and what the calibration leaves of it.
 
 use host_sim::calibrate::{Law, Refusal, angular_travel, calibrate, inverse_axes, orientation_residual};
-use host_sim::machine::{Machine, MachineFile, StaticErrors};
+use host_sim::machine::{Machine, MachineFile, Mounts, StaticErrors};
 use host_sim::model::Chain;
 use proptest::prelude::*;
 use serde::Deserialize;
@@ -121,6 +121,7 @@ fn any_machine() -> impl Strategy<Value = Machine> {
         Machine {
             order,
             statics: StaticErrors::from_values(statics),
+            mounts: Mounts::default(),
             axis_offset_nm: offsets,
             fibre_point_nm: fibre,
             ..Machine::paper()

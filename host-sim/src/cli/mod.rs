@@ -3,10 +3,14 @@
 mod bench;
 mod calibrate;
 mod common;
+mod field;
 mod load;
 mod manual;
 mod move_pose;
+mod sensitivity;
 mod serve;
+mod sheet;
+mod topology;
 mod trace;
 
 use clap::{Parser, Subcommand};
@@ -32,6 +36,9 @@ enum Command {
     Move(move_pose::Args),
     Trace(trace::Args),
     Bench(bench::Args),
+    Topology(topology::Args),
+    Sensitivity(sensitivity::Args),
+    Field(field::Args),
 }
 
 /// Why a subcommand failed, and with it the exit status.
@@ -72,6 +79,9 @@ pub fn main() -> ExitCode {
         Command::Move(args) => args.run(),
         Command::Trace(args) => args.run(),
         Command::Bench(args) => args.run(),
+        Command::Topology(args) => args.run(),
+        Command::Sensitivity(args) => args.run(),
+        Command::Field(args) => args.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

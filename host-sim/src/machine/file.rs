@@ -1,6 +1,10 @@
 //! The keys and units of a machine file, and the checks of its values.
 
-use super::{Drive, LARGEST_STATIC, Machine, MachineError, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING, StaticErrors};
+use super::kinematic::KinematicFile;
+use super::{
+    Drive, LARGEST_STATIC, Machine, MachineError, Mount, Mounts, SMALLEST_STEP, STEP_LIMIT, STEP_RATE_CEILING,
+    StaticErrors,
+};
 use serde::Deserialize;
 use stage_controller::controller::front::{REFERENCE_NM, REFERENCE_NRAD};
 use stage_controller::units::{AXES, Axis, COORDINATE_LIMIT};
@@ -12,12 +16,12 @@ const LARGEST_BACKLASH_STEPS: f64 = 1_048_576.0;
 /// Largest velocity, acceleration or jerk, nm or nrad per s, s^2, s^3; each has its own smaller limit in the block.
 const LARGEST_RATE: f64 = 1e15;
 /// Farthest that a position in the file may lie, um: a sixteenth of a nanometre of it fits 31 bits.
-const FARTHEST_UM: f64 = 67_000.0;
+pub const FARTHEST_UM: f64 = 67_000.0;
 
 /// So many numbers, no fewer and no more.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(try_from = "Vec<f64>")]
-struct Row<const N: usize>([f64; N]);
+pub(super) struct Row<const N: usize>(pub(super) [f64; N]);
 
 impl<const N: usize> Default for Row<N> {
     fn default() -> Self {
@@ -45,7 +49,25 @@ pub struct MachineFile {
     axis_offset_um: Offsets,
     #[serde(default)]
     static_rad: StaticErrors,
+    #[serde(default)]
+    mount: MountsFile,
+    #[serde(default)]
+    kinematic: KinematicFile,
     axes: Stages,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct MountsFile {
+    fibre: MountFile,
+    chip: MountFile,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct MountFile {
+    offset_um: Row<3>,
+    rot_rad: Row<3>,
 }
 
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -203,6 +225,16 @@ impl TryFrom<MachineFile> for Machine {
                 return Err(MachineError::value(format!("static_rad.{name}"), value, reason));
             }
         }
+        let mount = |name: &str, written: MountFile| {
+            let rotation_rad = written.rot_rad.0;
+            if !rotation_rad.iter().all(|v| v.abs() <= LARGEST_STATIC) {
+                let reason = format!("a mounting error is at most {LARGEST_STATIC} rad about each axis");
+                return Err(MachineError::value(format!("mount.{name}.rot_rad"), format!("{rotation_rad:?}"), reason));
+            }
+            let offset_nm = position(&format!("mount.{name}.offset_um"), written.offset_um.0)?;
+            Ok(Mount { offset_nm, rotation_rad })
+        };
+        let mounts = Mounts { fibre: mount("fibre", file.mount.fibre)?, chip: mount("chip", file.mount.chip)? };
         let stages = &file.axes;
         let drives = [
             Written::linear(Axis::X, &stages.X).check()?,
@@ -212,12 +244,18 @@ impl TryFrom<MachineFile> for Machine {
             Written::rotary(Axis::Beta, &stages.beta).check()?,
             Written::rotary(Axis::Gamma, &stages.gamma).check()?,
         ];
+        let travels = std::array::from_fn(|i| {
+            let scale = if Axis::ALL[i].is_rotary() { NRAD_PER_DEG } else { 1e3 };
+            drives[i].travel.map(|end| end / scale)
+        });
         Ok(Machine {
+            kinematic: file.kinematic.check(travels)?,
             fibre_point_nm: position("fibre_point_um", file.fibre_point_um.0)?,
             name: file.name,
             order,
             axis_offset_nm,
             statics: file.static_rad,
+            mounts,
             drives,
         })
     }

@@ -4,8 +4,10 @@
 //! in axis order. Errors name the key and the value.
 
 mod file;
+mod kinematic;
 
-pub use file::MachineFile;
+pub use file::{FARTHEST_UM, MachineFile};
+pub use kinematic::{Component, ErrorName, Function, Kinematic, LARGEST_KINEMATIC_UM};
 
 use serde::Deserialize;
 use stage_controller::units::{AXES, Axis};
@@ -119,6 +121,24 @@ impl StaticErrors {
     }
 }
 
+/// How a part is mounted: where its frame really lies in the one that it is meant to coincide with.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Mount {
+    /// Position, nm.
+    pub offset_nm: [f64; 3],
+    /// Orientation: the rotation `exp([rotation]x)`, rad.
+    pub rotation_rad: [f64; 3],
+}
+
+/// How the fibre array sits on the last stage, and the chip on the base.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Mounts {
+    /// The fibre array frame in that of the last stage.
+    pub fibre: Mount,
+    /// The chip in the base frame.
+    pub chip: Mount,
+}
+
 /// One motor and the stage that it drives, in nm or, for a rotary stage, nrad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
@@ -151,6 +171,10 @@ pub struct Machine {
     pub axis_offset_nm: [[f64; 3]; AXES],
     /// Static angular errors.
     pub statics: StaticErrors,
+    /// Mounting of fibre array and chip.
+    pub mounts: Mounts,
+    /// Errors that depend on where a stage stands.
+    pub kinematic: Kinematic,
     /// Motors in axis order.
     pub drives: [Drive; AXES],
 }

@@ -45,10 +45,15 @@ struct Placement {
 
 /// The exact forward model of a machine: lengths in nm, angles in rad inside and nrad at the border.
 ///
-/// Joint k = Trans(axis_offset) · `exp([ε]×)` · motion, base to tip, then F (docs/LAW.md 1).
+/// Joint k = Trans(axis_offset) · `exp([ε]×)` · motion, base to tip, then F (docs/LAW.md 1); before them the inverse of
+/// the chip's mount, after them the mount of the fibre array.
 #[derive(Clone, Debug)]
 pub struct Chain {
     joints: [Joint; AXES],
+    /// Orientation and origin of the base in chip axes.
+    base: (Matrix3<f64>, Vector3<f64>),
+    /// The same of the fibre array frame on the last stage.
+    mount: (Matrix3<f64>, Vector3<f64>),
     fibre: Vector3<f64>,
     euler: Euler,
     home_rotation: Matrix3<f64>,
@@ -65,8 +70,11 @@ impl Chain {
             offset: Vector3::from(machine.axis_offset_nm[machine.order[k].index()]),
             tilt: exp(static_vector(&machine.statics, &machine.order[..=k])),
         });
+        let (chip, fibre) = (exp(machine.mounts.chip.rotation_rad.into()), machine.mounts.fibre);
         let mut chain = Chain {
             joints,
+            base: (chip.transpose(), -(chip.transpose() * Vector3::from(machine.mounts.chip.offset_nm))),
+            mount: (exp(fibre.rotation_rad.into()), fibre.offset_nm.into()),
             fibre: Vector3::from(machine.fibre_point_nm),
             euler: Euler::new(&machine.order),
             home_rotation: Matrix3::identity(),
@@ -87,8 +95,7 @@ impl Chain {
 
     /// Walks the chain; `lengths` in nm, `angles` in rad.
     fn place(&self, lengths: [f64; 3], angles: [f64; 3]) -> Placement {
-        let mut rotation = Matrix3::identity();
-        let mut origin = Vector3::zeros();
+        let (mut rotation, mut origin) = self.base;
         let mut stages = [(Vector3::zeros(), Vector3::zeros()); AXES];
         for joint in &self.joints {
             origin += rotation * joint.offset;
@@ -102,6 +109,8 @@ impl Chain {
                 origin += along * lengths[index];
             }
         }
+        origin += rotation * self.mount.1;
+        rotation *= self.mount.0;
         Placement { rotation, origin, stages }
     }
 
@@ -185,7 +194,7 @@ impl Chain {
 
 /// Vector of static errors of the last joint of `upstream`. A squareness S_AB sits on whichever of A
 /// and B comes later in the chain, about the third axis.
-fn static_vector(errors: &StaticErrors, upstream: &[Axis]) -> Vector3<f64> {
+pub(super) fn static_vector(errors: &StaticErrors, upstream: &[Axis]) -> Vector3<f64> {
     let Some((&axis, before)) = upstream.split_last() else {
         return Vector3::zeros();
     };

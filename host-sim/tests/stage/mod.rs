@@ -3,7 +3,7 @@
 
 use host_sim::board::{Board, Interleaving, Seeded};
 use host_sim::calibrate::{Law as ExactLaw, calibrate};
-use host_sim::machine::{Drive, Machine, MachineFile, StaticErrors};
+use host_sim::machine::{Drive, Machine, MachineFile, Mounts, StaticErrors};
 use host_sim::model::Chain;
 use host_sim::session::power_up;
 use nalgebra::{Matrix3, Vector3};
@@ -138,6 +138,8 @@ impl Dice {
                 fibre_point_nm: (self.direction() * self.between(52e6, 60e6)).into(),
                 axis_offset_nm: offsets,
                 statics: StaticErrors::from_values(statics),
+                mounts: Mounts::default(),
+                kinematic: Default::default(),
                 drives: Axis::ALL.map(|axis| self.drive(axis)),
             };
             let stage = Stage::new(machine);
