@@ -3,5 +3,6 @@
 mod chain;
 mod rotation;
 
+pub(crate) use chain::static_vector;
 pub use chain::{Chain, Screw};
 pub use rotation::{Euler, exp, vee};

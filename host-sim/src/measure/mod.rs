@@ -1,0 +1,1 @@
+//! Measurements of a stage as instruments would give them, from its exact model.
