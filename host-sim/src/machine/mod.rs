@@ -4,8 +4,10 @@
 //! in axis order. Errors name the key and the value.
 
 mod file;
+mod write;
 
 pub use file::MachineFile;
+pub use write::{to_toml, to_toml_with};
 
 use serde::Deserialize;
 use stage_controller::units::{AXES, Axis};
