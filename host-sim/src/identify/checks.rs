@@ -113,11 +113,9 @@ fn written(file: &Series, column: usize) -> String {
 fn complaint(file: &Series, column: usize, ratio: f64) -> String {
     let name = written(file, column);
     let unit: Option<Unit> = file.units.get(column).copied();
-    let size = if ratio.abs() > 1.0 {
-        format!("{:.4} times larger", ratio.abs())
-    } else {
-        format!("{:.4} times smaller", 1.0 / ratio.abs())
-    };
+    let times = ratio.abs().max(1.0 / ratio.abs());
+    let digits = if times < 100.0 { 2 } else { 0 };
+    let size = format!("{times:.digits$} times {}", if ratio.abs() > 1.0 { "larger" } else { "smaller" });
     match unit.and_then(|unit| really(unit, ratio)) {
         Some(real) => format!(
             "unit: the values of {name} are {size} than the machine's motion; they look like {} written as {}",

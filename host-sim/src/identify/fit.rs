@@ -24,11 +24,13 @@ const CONVERGED: f64 = 1e-3;
 const LEAST_NOISE: f64 = 1e-3;
 /// Rounds in which unstated noise is estimated anew.
 const NOISE_ROUNDS: usize = 4;
+/// Most rounds in which weights are given anew.
+const MOST_ROUNDS: usize = 30;
 /// Largest share of a file that may be left out.
 const MOST_REJECTED: f64 = 0.2;
-/// An uncertainty above these says that the measurements do not tell, rad and nm.
-const VAGUE_ANGLE: f64 = 0.1 * LARGEST_STATIC;
-const VAGUE_LENGTH: f64 = 1e6;
+/// An uncertainty above these says that the measurements do not tell, rad and nm; a tenth of it is worth a warning.
+const VAGUE_ANGLE: f64 = 0.5 * LARGEST_STATIC;
+const VAGUE_LENGTH: f64 = 1e7;
 
 /// Fits the constants to the measurements. `progress` is told what is being done.
 ///
@@ -155,23 +157,40 @@ impl<'a> Fit<'a> {
         self.series.iter().enumerate().filter(|(_, file)| !matches!(file.kind, Kind::Positioning(_)))
     }
 
+    /// Columns that the rows of a file can touch: all constants and plays, and its own.
+    fn touched(&self, index: usize) -> Vec<usize> {
+        let common = self.layout.first.first().copied().unwrap_or(self.layout.width);
+        let first = self.layout.first[index];
+        (0..common).chain(first..first + self.own[index].len()).collect()
+    }
+
     /// The linear system at a state, and its weighted sum of squares.
     fn assemble(&self, state: &State) -> (Rows, f64) {
         let mut rows = Rows::new(self.layout.width);
         let mut cost = 0.0;
         let mut block = Block::new(self.layout.width);
+        let mut whole = vec![0.0; self.layout.width];
         for (index, file) in self.fitted() {
             let observer = Observer::new(&self.layout, state, file, index, self.options.drift);
+            // a triangle of its own, without the columns of other files
+            let touched = self.touched(index);
+            let mut own = Rows::new(touched.len());
+            let mut row = vec![0.0; touched.len()];
             for (k, weight) in self.weights[index].iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
                 observer.fill(k, &mut block);
                 let scale = weight.sqrt() / self.noise[index];
                 for c in 0..file.kind.columns().len() {
-                    block.rows[c].iter_mut().for_each(|value| *value *= scale);
+                    row.iter_mut().zip(&touched).for_each(|(value, column)| *value = block.rows[c][*column] * scale);
                     let right = block.residual[c] * scale;
                     cost += right * right;
-                    rows.push(&block.rows[c], right);
+                    own.push(&row, right);
                 }
             }
+            own.triangle(|row, right| {
+                whole.fill(0.0);
+                touched.iter().zip(row).for_each(|(column, value)| whole[*column] = *value);
+                rows.push(&whole, right);
+            });
         }
         let mut row = vec![0.0; self.layout.width];
         for prior in &self.priors {
@@ -216,17 +235,21 @@ impl<'a> Fit<'a> {
         state
     }
 
-    /// Linear least squares, then Levenberg-Marquardt until a step is nothing.
-    fn converge(&mut self) -> Result<(), Refusal> {
+    /// Linear least squares, then Levenberg-Marquardt until a step is nothing. Returns the length of the first step in
+    /// standard deviations.
+    fn converge(&mut self) -> Result<f64, Refusal> {
         let (rows, mut cost) = self.assemble(&self.state);
         let mut solution = rows.solve();
         let mut damping = 0.0;
+        let mut first = None;
         for number in 1..=MOST_STEPS {
             (self.progress)(&format!("fitting, step {number}"));
             let step = solution.step(damping);
-            if solution.sigmas(&step) < CONVERGED {
+            let length = solution.sigmas(&step);
+            let first = *first.get_or_insert(length);
+            if length < CONVERGED {
                 self.solution = Some(solution);
-                return Ok(());
+                return Ok(first);
             }
             let trial = self.moved(&step);
             let (rows, trial_cost) = self.assemble(&trial);
@@ -253,13 +276,14 @@ impl<'a> Fit<'a> {
         let mut across = vec![0.0; root.ncols()];
         for (index, file) in self.fitted() {
             let observer = Observer::new(&self.layout, &self.state, file, index, self.options.drift);
+            let touched = self.touched(index);
             for k in 0..file.readings.len() {
                 observer.fill(k, &mut block);
                 let mut left = Left { residual: block.residual, leverage: [0.0; 3] };
                 for c in 0..file.kind.columns().len() {
                     across.iter_mut().for_each(|sum| *sum = 0.0);
                     for (sum, column) in across.iter_mut().zip(root.column_iter()) {
-                        *sum = block.rows[c].iter().zip(column.iter()).map(|(a, g)| a * g).sum();
+                        *sum = touched.iter().map(|j| block.rows[c][*j] * column[*j]).sum();
                     }
                     left.leverage[c] = across.iter().map(|sum| sum * sum).sum::<f64>() / self.noise[index].powi(2);
                 }
@@ -284,7 +308,9 @@ impl<'a> Fit<'a> {
     }
 
     /// Noise of files that do not state theirs, from the residuals and what the fit has taken from them.
-    fn estimate_noise(&mut self, robust: bool) {
+    /// Tells whether it changed by more than a hundredth.
+    fn estimate_noise(&mut self, robust: bool) -> bool {
+        let mut changed = false;
         let left = self.left(&self.root());
         for (index, file) in self.fitted() {
             if file.noise.is_some() {
@@ -306,9 +332,12 @@ impl<'a> Fit<'a> {
                 (values.iter().map(|(residual, _)| residual * residual).sum::<f64>() / free.max(1e-9)).sqrt()
             };
             if free > 0.5 && estimate.is_finite() {
-                self.noise[index] = estimate.max(LEAST_NOISE);
+                let estimate = estimate.max(LEAST_NOISE);
+                changed |= (estimate / self.noise[index] - 1.0).abs() > 0.01;
+                self.noise[index] = estimate;
             }
         }
+        changed
     }
 
     fn noise_unknown(&self) -> bool {
@@ -344,47 +373,50 @@ impl<'a> Fit<'a> {
             return Ok(());
         }
         (self.progress)("looking for outliers");
-        for _ in 0..6 {
-            let left = self.left(&self.root());
-            for (index, file) in self.fitted() {
-                for k in 0..file.readings.len() {
-                    let worst = self.worst(index, file, k, &left[index][k]).1;
-                    self.weights[index][k] = huber(worst).max(1e-6);
-                }
-            }
-            self.converge()?;
-            if self.noise_unknown() {
-                self.estimate_noise(true);
-            }
-        }
-        for _ in 0..20 {
-            let left = self.left(&self.root());
-            let mut changed = false;
-            for (index, file) in self.fitted() {
-                let mut rejected = 0;
-                for k in 0..file.readings.len() {
-                    let worst = self.worst(index, file, k, &left[index][k]).1;
-                    let weight = if worst.abs() > limit { 0.0 } else { 1.0 };
-                    changed |= weight != self.weights[index][k];
-                    self.weights[index][k] = weight;
-                    rejected += usize::from(weight == 0.0);
-                }
-                if rejected as f64 > MOST_REJECTED * file.readings.len() as f64 && rejected > 1 {
-                    let reason = format!(
-                        "{rejected} of {} readings do not fit the other files and the stated noise of {}: look for \
-                         a wrong unit, sign, axis or point, or a noise stated too small",
-                        file.readings.len(),
-                        shown_noise(file, self.noise[index])
-                    );
-                    return Err(Refusal::line(file, file.readings[0].line, reason));
-                }
-            }
-            self.converge()?;
-            if !changed {
+        for _ in 0..MOST_ROUNDS {
+            self.weigh(|worst| huber(worst).max(1e-6));
+            let moved = self.converge()?;
+            let noise_changed = self.noise_unknown() && self.estimate_noise(true);
+            if moved < 0.3 && !noise_changed {
                 break;
             }
         }
+        for _ in 0..MOST_ROUNDS {
+            let changed = self.weigh(|worst| if worst.abs() > limit { 0.0 } else { 1.0 });
+            self.converge()?;
+            let noise_changed = self.noise_unknown() && self.estimate_noise(false);
+            if !changed && !noise_changed {
+                break;
+            }
+        }
+        for (index, file) in self.fitted() {
+            let rejected = self.weights[index].iter().filter(|weight| **weight == 0.0).count();
+            if rejected as f64 > MOST_REJECTED * file.readings.len() as f64 && rejected > 1 {
+                let reason = format!(
+                    "{rejected} of {} readings do not fit the other files within a noise of {:.3} {}: look for a wrong \
+                     unit, sign, axis or point, or a noise stated too small",
+                    file.readings.len(),
+                    self.noise[index],
+                    file.kind.quantity().unit()
+                );
+                return Err(Refusal::line(file, file.readings[0].line, reason));
+            }
+        }
         Ok(())
+    }
+
+    /// Gives every reading the weight of its worst value; tells whether one changed.
+    fn weigh(&mut self, weight: impl Fn(f64) -> f64) -> bool {
+        let left = self.left(&self.root());
+        let mut changed = false;
+        for (index, file) in self.fitted() {
+            for k in 0..file.readings.len() {
+                let now = weight(self.worst(index, file, k, &left[index][k]).1);
+                changed |= now != self.weights[index][k];
+                self.weights[index][k] = now;
+            }
+        }
+        changed
     }
 
     fn worst(&self, index: usize, file: &Series, k: usize, left: &Left) -> (usize, f64) {
@@ -479,12 +511,12 @@ impl<'a> Fit<'a> {
     fn result(self, nominal: &Machine, gauge: Gauge, runs: Vec<Option<Runs>>) -> Result<Identification, Refusal> {
         let solution = self.solution.as_ref().expect("the fit has converged");
         let covariance = solution.covariance();
-        let vague = |column: usize| {
+        let vague = |column: usize, share: f64| {
             let constant = self.layout.constant_columns.iter().position(|c| *c == Some(column));
             let limit = constant.map(|i| if self.layout.constants[i].is_angle() { VAGUE_ANGLE } else { VAGUE_LENGTH });
-            limit.is_some_and(|limit| covariance[(column, column)].sqrt() > limit)
+            limit.is_some_and(|limit| covariance[(column, column)].sqrt() > share * limit)
         };
-        self.refuse(&solution.null_space(), vague)?;
+        self.refuse(&solution.null_space(), |column| vague(column, 1.0))?;
         let columns: Vec<Option<usize>> =
             self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
         let mut machine = gauge.start.clone();
@@ -505,7 +537,12 @@ impl<'a> Fit<'a> {
             };
             let sigma = column.map_or(0.0, |column| covariance[(column, column)].sqrt()) / per_unit;
             let value = if column.is_some() { of(&self.state.machine) / per_unit } else { of(&machine) / per_unit };
-            if column.is_some() {
+            if let Some(column) = column {
+                if vague(*column, 0.1) {
+                    warnings.push(format!(
+                        "{name} is only known to {sigma:.2e} {unit}: these measurements hardly show it."
+                    ));
+                }
                 let written = rounded(value, sigma);
                 match constant {
                     Some(constant) => constant.set(&mut machine, written * per_unit),
@@ -655,10 +692,6 @@ impl<'a> Fit<'a> {
             }
         }
     }
-}
-
-fn shown_noise(file: &Series, noise: f64) -> String {
-    format!("{noise:.3} {}", file.kind.quantity().unit())
 }
 
 /// A value with as many digits as its uncertainty deserves, and three more.

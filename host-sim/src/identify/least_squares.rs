@@ -43,6 +43,15 @@ impl Rows {
         self.filled = width;
     }
 
+    /// Calls back with rows that stand for all that came in: as many as unknowns, and no more.
+    pub fn triangle(mut self, mut use_it: impl FnMut(&[f64], f64)) {
+        self.fold();
+        for i in 0..self.unknowns {
+            let row: Vec<f64> = self.stack.row(i).iter().copied().collect();
+            use_it(&row[..self.unknowns], row[self.unknowns]);
+        }
+    }
+
     /// The triangular system and its singular values.
     pub fn solve(mut self) -> Solution {
         self.fold();

@@ -30,6 +30,8 @@ fn nuisance(name: impl Into<String>) -> Nuisance {
 /// What is fitted to a file besides the constants. Values: nm or nrad, drift per hour, slopes as they are, tilts rad.
 pub fn nuisances(series: &Series, drift: bool) -> Vec<Nuisance> {
     let mut all = match series.kind {
+        // these are evaluated on their own
+        Kind::Positioning(_) => return Vec::new(),
         Kind::Straightness { to_chip: false, .. } => vec![nuisance("offset"), nuisance("slope")],
         Kind::Straightness { to_chip: true, .. } => vec![nuisance("offset")],
         Kind::Diagonal => lines(series).into_iter().map(|line| nuisance(format!("zero of line {line}"))).collect(),

@@ -297,15 +297,16 @@ fn rows(source: &Source, text: &str, mut series: Series) -> Result<Series, ReadE
         .has_headers(false)
         .flexible(true)
         .from_reader(text.as_bytes());
+    // a record's own position is where the comments before it begin
+    let content = |line: &str| !line.trim().is_empty() && !line.starts_with('#');
+    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| content(line)).map(|(number, _)| number);
     let mut records = reader.records();
     let mut next = || -> Result<Option<(u64, csv::StringRecord)>, ReadError> {
+        let line = lines.next().unwrap_or(1);
         match records.next() {
             None => Ok(None),
-            Some(Ok(record)) => Ok(Some((record.position().map_or(0, csv::Position::line), record))),
-            Some(Err(error)) => {
-                let line = error.position().map_or(0, csv::Position::line);
-                source.refuse(line, format!("not CSV: {error}"))
-            }
+            Some(Ok(record)) => Ok(Some((line, record))),
+            Some(Err(error)) => source.refuse(line, format!("not CSV: {error}")),
         }
     };
     let Some((header_line, header)) = next()? else {
