@@ -241,9 +241,13 @@ fn units_mixed_up_are_told_by_their_scale() {
     says(&said, &["diagonal.csv:8: unit: the values of distance_um", "look like mm written as um"]);
     let said = complaint("squareness.csv", |t| t.replace("measured_urad", "measured_mrad"));
     says(&said, &["squareness.csv:7:", "from square", "unit of measured_mrad"]);
-    // a hundredth of a degree more or less is no unit
+    let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_um: 50"));
+    says(&said, &["accepted", "fibre.csv: the residuals are", "times smaller than the noise stated"]);
+    let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_nm: 0.05"));
+    says(&said, &["fibre.csv:8: ", "readings do not fit", "or a noise stated too small"]);
+    // a lead that is not quite right is no unit
     let said = complaint("positioning-X.csv", |t| scaled(t, 3, 1.003));
-    says(&said, &["accepted", "X moves +3000 ppm more than commanded"]);
+    says(&said, &["accepted", "X moves +30", "ppm more than commanded"]);
 }
 
 #[test]
@@ -251,7 +255,7 @@ fn runs_that_turn_back_and_too_few_points_are_refused() {
     let said = complaint("positioning-X.csv", |t| {
         let lines: Vec<&str> = t.lines().collect();
         let (a, b) = (lines[9], lines[10]);
-        t.replace(a, "swapped").replace(b, a).replace("swapped", b).replace(",time_s", ",time_s")
+        t.replace(a, "swapped").replace(b, a).replace("swapped", b)
     });
     says(&said, &["positioning-X.csv:11: time_s goes back"]);
     let untimed = |t: &str| {

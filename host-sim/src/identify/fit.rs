@@ -1,20 +1,19 @@
-//! The fit of all files together.
+//! The fit of all files together: linear least squares, Levenberg-Marquardt, weights, outliers.
 
 use super::checks;
-use super::constants::{CONSTANTS, Constant, backlash_name};
-use super::gauge::{Gauge, gauge, per_unit};
+use super::constants::Constant;
+use super::gauge::{Gauge, gauge};
 use super::least_squares::{Rows, Solution};
 use super::observe::{Block, Layout, Nuisance, Observer, State, nuisances};
 use super::outliers::{huber, threshold};
-use super::result::{Estimate, FileSummary, Identification, Outlier, Residual};
+use super::result::Identification;
 use super::reversal::{Runs, reversal};
 use super::series::{Kind, Series};
 use super::units::Quantity;
 use super::{Options, Refusal};
-use crate::machine::{LARGEST_STATIC, Machine};
+use crate::machine::Machine;
 use nalgebra::{DMatrix, DVector};
-use stage_controller::units::{AXES, Axis};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use stage_controller::units::Axis;
 
 /// Most steps of a fit; three or four are usual.
 const MOST_STEPS: usize = 60;
@@ -28,9 +27,8 @@ const NOISE_ROUNDS: usize = 4;
 const MOST_ROUNDS: usize = 30;
 /// Largest share of a file that may be left out.
 const MOST_REJECTED: f64 = 0.2;
-/// An uncertainty above these says that the measurements do not tell, rad and nm; a tenth of it is worth a warning.
-const VAGUE_ANGLE: f64 = 0.5 * LARGEST_STATIC;
-const VAGUE_LENGTH: f64 = 1e7;
+/// The same while the fit is not yet at its end.
+const HOPELESS: f64 = 0.5;
 
 /// Fits the constants to the measurements. `progress` is told what is being done.
 ///
@@ -58,31 +56,32 @@ pub fn identify(
 }
 
 /// Knowledge from elsewhere on one column: value and standard deviation.
-struct Prior {
-    column: usize,
-    value: f64,
-    sigma: f64,
+pub(super) struct Prior {
+    pub column: usize,
+    pub value: f64,
+    pub sigma: f64,
 }
 
 /// One reading after a fit.
 #[derive(Clone, Copy, Default)]
-struct Left {
-    residual: [f64; 3],
-    leverage: [f64; 3],
+pub(super) struct Left {
+    pub residual: [f64; 3],
+    pub leverage: [f64; 3],
 }
 
-struct Fit<'a> {
-    series: &'a [Series],
-    options: &'a Options,
-    progress: &'a mut dyn FnMut(&str),
-    layout: Layout,
-    own: Vec<Vec<Nuisance>>,
-    priors: Vec<Prior>,
-    state: State,
-    noise: Vec<f64>,
+/// A fit on its way.
+pub(super) struct Fit<'a> {
+    pub(super) series: &'a [Series],
+    pub(super) options: &'a Options,
+    pub(super) progress: &'a mut dyn FnMut(&str),
+    pub(super) layout: Layout,
+    pub(super) own: Vec<Vec<Nuisance>>,
+    pub(super) priors: Vec<Prior>,
+    pub(super) state: State,
+    pub(super) noise: Vec<f64>,
     /// 0 for rejected readings.
-    weights: Vec<Vec<f64>>,
-    solution: Option<Solution>,
+    pub(super) weights: Vec<Vec<f64>>,
+    pub(super) solution: Option<Solution>,
 }
 
 impl<'a> Fit<'a> {
@@ -153,7 +152,7 @@ impl<'a> Fit<'a> {
     }
 
     /// Files that the common fit evaluates, all but the bidirectional runs.
-    fn fitted(&self) -> impl Iterator<Item = (usize, &'a Series)> + use<'a> {
+    pub(super) fn fitted(&self) -> impl Iterator<Item = (usize, &'a Series)> + use<'a> {
         self.series.iter().enumerate().filter(|(_, file)| !matches!(file.kind, Kind::Positioning(_)))
     }
 
@@ -165,7 +164,7 @@ impl<'a> Fit<'a> {
     }
 
     /// The linear system at a state, and its weighted sum of squares.
-    fn assemble(&self, state: &State) -> (Rows, f64) {
+    pub(super) fn assemble(&self, state: &State) -> (Rows, f64) {
         let mut rows = Rows::new(self.layout.width);
         let mut cost = 0.0;
         let mut block = Block::new(self.layout.width);
@@ -203,7 +202,7 @@ impl<'a> Fit<'a> {
         (rows, cost)
     }
 
-    fn value(&self, state: &State, column: usize) -> f64 {
+    pub(super) fn value(&self, state: &State, column: usize) -> f64 {
         let layout = &self.layout;
         if let Some(i) = layout.constant_columns.iter().position(|c| *c == Some(column)) {
             return layout.constants[i].of(&state.machine);
@@ -247,13 +246,15 @@ impl<'a> Fit<'a> {
             let step = solution.step(damping);
             let length = solution.sigmas(&step);
             let first = *first.get_or_insert(length);
-            if length < CONVERGED {
+            // residuals larger than the stated noise make every step of theirs larger too
+            let scale = (cost / solution.rows.max(1) as f64).sqrt().max(1.0);
+            if length < CONVERGED * scale {
                 self.solution = Some(solution);
                 return Ok(first);
             }
             let trial = self.moved(&step);
             let (rows, trial_cost) = self.assemble(&trial);
-            if trial_cost <= cost * (1.0 + 1e-12) + 1e-9 {
+            if trial_cost <= cost * (1.0 + 1e-9) + 1e-9 {
                 self.state = trial;
                 cost = trial_cost;
                 solution = rows.solve();
@@ -270,7 +271,7 @@ impl<'a> Fit<'a> {
     }
 
     /// Residuals and leverages of all readings, rejected ones included.
-    fn left(&self, root: &DMatrix<f64>) -> Vec<Vec<Left>> {
+    pub(super) fn left(&self, root: &DMatrix<f64>) -> Vec<Vec<Left>> {
         let mut all: Vec<Vec<Left>> = self.series.iter().map(|_| Vec::new()).collect();
         let mut block = Block::new(self.layout.width);
         let mut across = vec![0.0; root.ncols()];
@@ -293,7 +294,7 @@ impl<'a> Fit<'a> {
         all
     }
 
-    fn root(&self) -> DMatrix<f64> {
+    pub(super) fn root(&self) -> DMatrix<f64> {
         self.solution.as_ref().expect("the fit has converged").root()
     }
 
@@ -383,15 +384,21 @@ impl<'a> Fit<'a> {
         }
         for _ in 0..MOST_ROUNDS {
             let changed = self.weigh(|worst| if worst.abs() > limit { 0.0 } else { 1.0 });
+            self.refuse_strange_files(HOPELESS)?;
             self.converge()?;
             let noise_changed = self.noise_unknown() && self.estimate_noise(false);
             if !changed && !noise_changed {
                 break;
             }
         }
+        self.refuse_strange_files(MOST_REJECTED)
+    }
+
+    /// Refuses a file of which more than a share is left out.
+    fn refuse_strange_files(&self, share: f64) -> Result<(), Refusal> {
         for (index, file) in self.fitted() {
             let rejected = self.weights[index].iter().filter(|weight| **weight == 0.0).count();
-            if rejected as f64 > MOST_REJECTED * file.readings.len() as f64 && rejected > 1 {
+            if rejected as f64 > share * file.readings.len() as f64 && rejected > 1 {
                 let reason = format!(
                     "{rejected} of {} readings do not fit the other files within a noise of {:.3} {}: look for a wrong \
                      unit, sign, axis or point, or a noise stated too small",
@@ -410,8 +417,8 @@ impl<'a> Fit<'a> {
         let left = self.left(&self.root());
         let mut changed = false;
         for (index, file) in self.fitted() {
-            for k in 0..file.readings.len() {
-                let now = weight(self.worst(index, file, k, &left[index][k]).1);
+            for (k, left) in left[index].iter().enumerate() {
+                let now = weight(self.worst(index, file, k, left).1);
                 changed |= now != self.weights[index][k];
                 self.weights[index][k] = now;
             }
@@ -419,7 +426,7 @@ impl<'a> Fit<'a> {
         changed
     }
 
-    fn worst(&self, index: usize, file: &Series, k: usize, left: &Left) -> (usize, f64) {
+    pub(super) fn worst(&self, index: usize, file: &Series, k: usize, left: &Left) -> (usize, f64) {
         let studentised = self.studentised(index, k, left);
         let columns = 0..file.kind.columns().len();
         let worst = columns.max_by(|a, b| studentised[*a].abs().total_cmp(&studentised[*b].abs())).unwrap_or(0);
@@ -432,273 +439,4 @@ impl<'a> Fit<'a> {
             (0..file.readings.len()).any(|k| self.worst(index, file, k, &left[index][k]).1.abs() > limit)
         })
     }
-
-    /// Names of the columns of constants and plays.
-    fn names(&self) -> Vec<(usize, String)> {
-        let constants = self.layout.constants.iter().zip(self.layout.constant_columns);
-        let plays = Axis::ALL.into_iter().zip(self.layout.play_columns);
-        let mut names: Vec<_> = constants.filter_map(|(c, column)| Some((column?, c.to_string()))).collect();
-        names.extend(plays.filter_map(|(axis, column)| Some((column?, backlash_name(axis)))));
-        names
-    }
-
-    /// Refuses what changes no reading, by name, before anything is fitted.
-    fn refuse_undetermined(&self) -> Result<(), Refusal> {
-        // somewhere beside the nominal machine, where nothing is by chance exactly straight
-        let mut state = self.state.clone();
-        for (n, constant) in self.layout.constants.iter().enumerate() {
-            let some = if constant.is_angle() { 1e-5 } else { 1e3 };
-            let value = constant.of(&state.machine) + some * (1.0 + n as f64 * 0.37).sin();
-            constant.set(&mut state.machine, value);
-        }
-        let solution = self.assemble(&state).0.solve();
-        self.refuse(&solution.null_space(), |_| false)
-    }
-
-    fn refuse(&self, null: &[DVector<f64>], vague: impl Fn(usize) -> bool) -> Result<(), Refusal> {
-        let names = self.names();
-        let share = |column: usize| null.iter().map(|vector| vector[column] * vector[column]).sum::<f64>().sqrt();
-        let seen: Vec<&(usize, String)> = names.iter().filter(|(c, _)| share(*c) > 1e-3 || vague(*c)).collect();
-        if seen.is_empty() {
-            return Ok(());
-        }
-        // Gauss-Jordan over the null space: hold mounts rather than angles of the stage
-        let mut rest: Vec<DVector<f64>> = null.to_vec();
-        let mut hold: Vec<String> = seen.iter().filter(|(c, _)| vague(*c)).map(|(_, name)| name.clone()).collect();
-        let rank_of = |name: &str| {
-            let classes = ["mount.fibre.rot", "mount.chip.rot", "mount.chip", "mount.fibre", "axis_offset", "axes", ""];
-            classes.iter().position(|class| name.starts_with(class)).unwrap_or(classes.len())
-        };
-        let mut preferred = seen.clone();
-        preferred.sort_by_key(|(_, name)| rank_of(name));
-        for (column, name) in preferred {
-            let largest = (0..rest.len()).max_by(|a, b| rest[*a][*column].abs().total_cmp(&rest[*b][*column].abs()));
-            if let Some(pivot) = largest.filter(|i| rest[*i][*column].abs() > 1e-3) {
-                let pivot = rest.swap_remove(pivot);
-                for vector in &mut rest {
-                    let factor = vector[*column] / pivot[*column];
-                    *vector -= &pivot * factor;
-                }
-                hold.push(name.clone());
-            }
-        }
-        let undetermined: Vec<String> = seen.into_iter().map(|(_, name)| name.clone()).collect();
-        Err(Refusal::Undetermined { advice: self.advice(&undetermined), undetermined, hold })
-    }
-
-    fn advice(&self, undetermined: &[String]) -> String {
-        let has = |kind: fn(&Kind) -> bool| self.fitted().any(|(_, file)| kind(&file.kind));
-        let lacks = |start: &str| undetermined.iter().any(|name| name.starts_with(start));
-        let mut advice = Vec::new();
-        if !has(|kind| matches!(kind, Kind::Fibre(_))) {
-            advice.push("measure fibre positions (kind: fibre) at poses that use all six axes".to_string());
-        } else if lacks("mount.fibre.rot") && !has(|kind| matches!(kind, Kind::Orientation)) {
-            advice.push(
-                "measure the array's orientation (kind: orientation) or positions of two more of its points (point_um)"
-                    .to_string(),
-            );
-        } else if lacks("static") || lacks("axis_offset") || lacks("mount") {
-            advice.push("add poses at which more axes, and each on its own, are away from home".to_string());
-        }
-        let plays = Axis::ALL.into_iter().filter(|axis| undetermined.contains(&backlash_name(*axis)));
-        let plays: Vec<&str> = plays.map(Axis::name).collect();
-        if !plays.is_empty() {
-            advice.push(format!("add bidirectional runs (kind: positioning) of {}", plays.join(", ")));
-        }
-        advice.join("; ")
-    }
-
-    fn result(self, nominal: &Machine, gauge: Gauge, runs: Vec<Option<Runs>>) -> Result<Identification, Refusal> {
-        let solution = self.solution.as_ref().expect("the fit has converged");
-        let covariance = solution.covariance();
-        let vague = |column: usize, share: f64| {
-            let constant = self.layout.constant_columns.iter().position(|c| *c == Some(column));
-            let limit = constant.map(|i| if self.layout.constants[i].is_angle() { VAGUE_ANGLE } else { VAGUE_LENGTH });
-            limit.is_some_and(|limit| covariance[(column, column)].sqrt() > share * limit)
-        };
-        self.refuse(&solution.null_space(), |column| vague(column, 1.0))?;
-        let columns: Vec<Option<usize>> =
-            self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
-        let mut machine = gauge.start.clone();
-        let mut warnings = Vec::new();
-        let mut estimates = Vec::new();
-        for (i, column) in columns.iter().enumerate() {
-            let constant = self.layout.constants.get(i).copied();
-            let (name, per_unit, unit) = match constant {
-                Some(c) => (c.to_string(), per_unit(c), if c.is_angle() { "rad" } else { "um" }),
-                None => {
-                    let axis = Axis::ALL[i - CONSTANTS];
-                    (backlash_name(axis), 1.0, if axis.is_rotary() { "nrad" } else { "nm" })
-                }
-            };
-            let of = |machine: &Machine| match constant {
-                Some(constant) => constant.of(machine),
-                None => machine.drives[i - CONSTANTS].backlash,
-            };
-            let sigma = column.map_or(0.0, |column| covariance[(column, column)].sqrt()) / per_unit;
-            let value = if column.is_some() { of(&self.state.machine) / per_unit } else { of(&machine) / per_unit };
-            if let Some(column) = column {
-                if vague(*column, 0.1) {
-                    warnings.push(format!(
-                        "{name} is only known to {sigma:.2e} {unit}: these measurements hardly show it."
-                    ));
-                }
-                let written = rounded(value, sigma);
-                match constant {
-                    Some(constant) => constant.set(&mut machine, written * per_unit),
-                    None => machine.drives[i - CONSTANTS].backlash = written.max(0.0),
-                }
-                if constant.is_none() && value < -3.0 * sigma {
-                    warnings.push(format!(
-                        "{name}: {value:.1} +- {sigma:.1} {unit} is negative, which no play is: are up and down \
-                         exchanged? 0 is written."
-                    ));
-                }
-            }
-            let nominal = of(nominal) / per_unit;
-            estimates.push(Estimate { name, unit, value, sigma, nominal, held: column.is_none() });
-        }
-        let entry = |i: usize, j: usize| match (columns[i], columns[j]) {
-            (Some(a), Some(b)) => {
-                let scale = |i: usize| self.layout.constants.get(i).map_or(1.0, |c| per_unit(*c));
-                covariance[(a, b)] / (scale(i) * scale(j))
-            }
-            _ => 0.0,
-        };
-        let size = CONSTANTS + AXES;
-        let covariance_of = (0..size).map(|i| (0..size).map(|j| entry(i, j)).collect()).collect();
-        let held_plays: Vec<_> = Axis::ALL.into_iter().filter(|axis| gauge.held_plays[axis.index()]).collect();
-        for runs in runs.iter().flatten() {
-            let axis = held_plays.iter().find(|axis| axis.name() == runs.reversal.axis);
-            if let Some(axis) = axis {
-                let held = machine.drives[axis.index()].backlash;
-                if (runs.reversal.backlash - held).abs() > 3.0 * runs.reversal.sigma {
-                    warnings.push(format!(
-                        "{} is held at {held} {unit}, but {} says {:.1} +- {:.1} {unit}.",
-                        backlash_name(*axis),
-                        runs.reversal.file,
-                        runs.reversal.backlash,
-                        runs.reversal.sigma,
-                        unit = runs.reversal.unit
-                    ));
-                }
-            }
-        }
-        let mut result = Identification {
-            machine_name: machine.name.clone(),
-            order: machine.order.map(Axis::name).to_vec(),
-            estimates,
-            covariance: covariance_of,
-            rank: solution.rank(),
-            unknowns: self.layout.width,
-            condition: solution.condition(),
-            readings: self.series.iter().map(|file| file.readings.len()).sum(),
-            chi_square: 0.0,
-            degrees_of_freedom: 0,
-            probability: 1.0,
-            reversals: Vec::new(),
-            files: Vec::new(),
-            outliers: Vec::new(),
-            residuals: Vec::new(),
-            gauge: gauge.sentences,
-            warnings,
-            machine,
-        };
-        self.files(&mut result, runs, &covariance);
-        Ok(result)
-    }
-
-    /// Residuals, outliers and sums, file by file.
-    fn files(&self, result: &mut Identification, runs: Vec<Option<Runs>>, covariance: &DMatrix<f64>) {
-        let left = self.left(&self.root());
-        let (mut chi_square, mut counted, mut run_dof) = (0.0, 0, 0);
-        for (index, (file, runs)) in self.series.iter().zip(runs).enumerate() {
-            let mut noise = self.noise[index];
-            let residuals_before = result.residuals.len();
-            let outliers_before = result.outliers.len();
-            if let Some(runs) = runs {
-                noise = runs.reversal.noise;
-                chi_square += runs.chi_square;
-                run_dof += runs.degrees_of_freedom;
-                result.residuals.extend(runs.residuals);
-                result.outliers.extend(runs.outliers);
-                result.reversals.push(runs.reversal);
-            } else {
-                for (k, left) in left[index].iter().enumerate() {
-                    let rejected = self.weights[index][k] == 0.0;
-                    for (c, column) in file.kind.columns().iter().enumerate() {
-                        let (value, normalised) = (left.residual[c], left.residual[c] / noise);
-                        if !rejected {
-                            chi_square += normalised * normalised;
-                            counted += 1;
-                        }
-                        let line = file.readings[k].line;
-                        result.residuals.push(Residual { file: index, line, column, value, normalised, rejected });
-                    }
-                    if rejected {
-                        let (worst, studentised) = self.worst(index, file, k, left);
-                        result.outliers.push(Outlier {
-                            file: file.file.clone(),
-                            line: file.readings[k].line,
-                            column: file.kind.columns()[worst],
-                            residual: left.residual[worst],
-                            studentised,
-                        });
-                    }
-                }
-            }
-            let here = result.residuals[residuals_before..].iter().filter(|residual| !residual.rejected);
-            let (count, squares) = here.fold((0usize, 0.0), |(n, sum), r| (n + 1, sum + r.value * r.value));
-            let own = self.own[index].iter().enumerate().map(|(k, nuisance)| {
-                let column = self.layout.first[index] + k;
-                (nuisance.name.clone(), self.state.own[index][k], covariance[(column, column)].sqrt())
-            });
-            result.files.push(FileSummary {
-                file: file.file.clone(),
-                kind: file.kind.name(),
-                readings: file.readings.len(),
-                rejected: result.outliers.len() - outliers_before,
-                noise,
-                unit: file.kind.quantity().unit(),
-                noise_stated: file.noise.is_some(),
-                rms: (squares / count.max(1) as f64).sqrt(),
-                nuisances: own.collect(),
-            });
-        }
-        for prior in &self.priors {
-            chi_square += ((prior.value - self.value(&self.state, prior.column)) / prior.sigma).powi(2);
-        }
-        // what is known beforehand counts like a measurement
-        let dof =
-            (counted + self.priors.len()).saturating_sub(self.solution.as_ref().map_or(0, Solution::rank)) + run_dof;
-        result.chi_square = chi_square;
-        result.degrees_of_freedom = dof;
-        if let Ok(distribution) = ChiSquared::new(dof as f64) {
-            result.probability = distribution.sf(chi_square);
-        }
-        if result.probability < 1e-3 {
-            result.warnings.push(format!(
-                "The residuals are larger than the stated noise (chi-square {chi_square:.0} at {dof} degrees of \
-                 freedom): the stage has errors that the constants do not describe, or the noise is stated too small; \
-                 the uncertainties are then too small as well."
-            ));
-        }
-        for reversal in &result.reversals {
-            if reversal.scale_ppm.abs() > 1000.0 {
-                result.warnings.push(format!(
-                    "{}: {} moves {:+.0} ppm more than commanded; correct step_{} in the machine file.",
-                    reversal.file, reversal.axis, reversal.scale_ppm, reversal.unit
-                ));
-            }
-        }
-    }
-}
-
-/// A value with as many digits as its uncertainty deserves, and three more.
-fn rounded(value: f64, sigma: f64) -> f64 {
-    if sigma <= 0.0 || !sigma.is_finite() {
-        return value;
-    }
-    let digits = (3.0 - sigma.log10().floor()).clamp(0.0, 15.0) as usize;
-    format!("{value:.digits$}").parse().unwrap_or(value)
 }

@@ -5,6 +5,7 @@
 //! left out by name. docs/CALIBRATION.md describes files, gauge and result.
 
 mod checks;
+mod conclude;
 mod constants;
 mod fit;
 mod gauge;
@@ -20,6 +21,7 @@ mod report;
 mod result;
 mod reversal;
 mod series;
+mod undetermined;
 pub mod units;
 
 pub use constants::{CONSTANTS, Constant, backlash_name};

@@ -262,8 +262,8 @@ impl<'a> Observer<'a> {
         let tilt = Vector3::ith(i, self.own[2]) + Vector3::ith(j, self.own[3]);
         let n = place.rotation * exp(tilt) * Vector3::ith(normal, 1.0);
         let angles = [(-n[j]).atan2(n[normal]), n[i].atan2(n[normal])];
-        for c in 0..2 {
-            block.residual[c] = reading.values[c] - angles[c] * 1e9 - self.own[c];
+        for (c, angle) in angles.into_iter().enumerate() {
+            block.residual[c] = reading.values[c] - angle * 1e9 - self.own[c];
             block.rows[c][self.first + c] = 1.0;
         }
         let mut turn = |column: usize, turn: Vector3<f64>| {

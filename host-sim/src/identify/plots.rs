@@ -13,7 +13,7 @@ pub fn residuals(result: &Identification, file: usize) -> Option<String> {
     let points: Vec<&Residual> = result.residuals.iter().filter(|residual| residual.file == file).collect();
     let (first, last) = (points.first()?.line as f64, points.last()?.line as f64);
     let kept = points.iter().filter(|residual| !residual.rejected);
-    let reach = kept.map(|r| r.value.abs()).fold(3.5 * summary.noise, f64::max) * 1.05;
+    let reach = kept.map(|r| r.value.abs()).fold(3.5 * summary.noise, f64::max) * 1.3;
     let reach = if reach > 0.0 { reach } else { 1.0 };
     let mut columns: Vec<&str> = points.iter().map(|residual| residual.column).collect();
     columns.sort_unstable();
@@ -24,7 +24,7 @@ pub fn residuals(result: &Identification, file: usize) -> Option<String> {
         let draw = || -> Result<(), Box<dyn std::error::Error + '_>> {
             root.fill(&WHITE)?;
             let title = format!(
-                "{}: residuals, rms {:.1} {u}; grey: +-2 sigma of {:.1} {u}",
+                "{}: residuals, rms {:.1} {u}; grey: +-2 sigma of {:.1} {u}; red: left out",
                 summary.file,
                 summary.rms,
                 summary.noise,
@@ -38,6 +38,8 @@ pub fn residuals(result: &Identification, file: usize) -> Option<String> {
                 .build_cartesian_2d(first - 0.5..last + 0.5, -reach..reach)?;
             chart
                 .configure_mesh()
+                .light_line_style(TRANSPARENT)
+                .bold_line_style(BLACK.mix(0.15))
                 .x_desc("line of the file")
                 .y_desc(format!("measured less fitted, {}", summary.unit))
                 .draw()?;
@@ -52,7 +54,12 @@ pub fn residuals(result: &Identification, file: usize) -> Option<String> {
             let crosses =
                 out.map(|r| Cross::new((r.line as f64, r.value.clamp(-reach, reach)), 5, RED.stroke_width(2)));
             chart.draw_series(crosses)?;
-            chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.3)).draw()?;
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperRight)
+                .background_style(WHITE.mix(0.8))
+                .border_style(BLACK.mix(0.3))
+                .draw()?;
             root.present()?;
             Ok(())
         };

@@ -302,7 +302,7 @@ fn rows(source: &Source, text: &str, mut series: Series) -> Result<Series, ReadE
     let mut lines = (1..).zip(text.lines()).filter(|(_, line)| content(line)).map(|(number, _)| number);
     let mut records = reader.records();
     let mut next = || -> Result<Option<(u64, csv::StringRecord)>, ReadError> {
-        let line = lines.next().unwrap_or(1);
+        let Some(line) = lines.next() else { return Ok(None) };
         match records.next() {
             None => Ok(None),
             Some(Ok(record)) => Ok(Some((line, record))),
@@ -384,7 +384,7 @@ fn columns(source: &Source, line: u64, header: &csv::StringRecord, kind: Kind) -
             Some(Ok(found)) => found,
             Some(Err(reason)) => return source.refuse(line, reason),
             None => {
-                let names: Vec<_> = expected.iter().map(|column| written(column)).collect();
+                let names: Vec<_> = expected.iter().map(written).collect();
                 let reason = format!("unknown column {name:?}; {} files have {}", kind.name(), names.join(", "));
                 return source.refuse(line, reason);
             }
