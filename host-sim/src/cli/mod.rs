@@ -4,8 +4,10 @@ mod bench;
 mod calibrate;
 mod common;
 mod field;
+mod identify;
 mod load;
 mod manual;
+mod measure;
 mod move_pose;
 mod sensitivity;
 mod serve;
@@ -31,6 +33,8 @@ struct Cli {
 enum Command {
     Serve(serve::Args),
     Calibrate(calibrate::Args),
+    Identify(identify::Args),
+    Measure(measure::Args),
     Manual(manual::Args),
     Load(load::Args),
     Move(move_pose::Args),
@@ -74,6 +78,8 @@ pub fn main() -> ExitCode {
     let result = match cli.command.unwrap_or(Command::Serve(cli.serve)) {
         Command::Serve(args) => args.run(),
         Command::Calibrate(args) => args.run(),
+        Command::Identify(args) => args.run(),
+        Command::Measure(args) => args.run(),
         Command::Manual(args) => args.run(),
         Command::Load(args) => args.run(),
         Command::Move(args) => args.run(),

@@ -10,7 +10,7 @@ use stage_controller::controller::front::{REFERENCE_NM, REFERENCE_NRAD};
 use stage_controller::units::{AXES, Axis, COORDINATE_LIMIT};
 use std::f64::consts::PI;
 
-const NRAD_PER_DEG: f64 = PI / 180.0 * 1e9;
+pub(super) const NRAD_PER_DEG: f64 = PI / 180.0 * 1e9;
 /// Widest play in steps that the calibration block takes.
 const LARGEST_BACKLASH_STEPS: f64 = 1_048_576.0;
 /// Largest velocity, acceleration or jerk, nm or nrad per s, s^2, s^3; each has its own smaller limit in the block.

@@ -5,9 +5,11 @@
 
 mod file;
 mod kinematic;
+mod write;
 
 pub use file::{FARTHEST_UM, MachineFile};
 pub use kinematic::{Component, ErrorName, Function, Kinematic, LARGEST_KINEMATIC_UM};
+pub use write::{to_toml, to_toml_with};
 
 use serde::Deserialize;
 use stage_controller::units::{AXES, Axis};

@@ -16,6 +16,7 @@ mod tables;
 mod topology;
 
 pub use accuracy::{Accuracy, AccuracyOptions, Fields, MotionAccuracy, accuracy};
+pub(crate) use chain::static_vector;
 pub use chain::{Chain, Screw};
 pub use ensemble::{Ensemble, EnsembleStatistics, Spread, ensemble};
 pub use errors::{ErrorModel, Form, Frame, Positions, SixErrors};

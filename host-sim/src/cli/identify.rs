@@ -1,0 +1,176 @@
+//! `host-sim identify`: measurements in, machine file out.
+
+use super::Failure;
+use super::common::load;
+use crate::identify::{Identification, Options, ReadError, Refusal, backlash_name, identify, plots, read_directory};
+use crate::machine::{Machine, MachineError, StaticErrors, to_toml_with};
+use indicatif::ProgressBar;
+use stage_controller::units::Axis;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// A progress line is shown after this.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Fit the constants of a stage and the backlash of its motors to measurements, and write them as a machine file.
+///
+/// Reads every .csv file of a directory; docs/CALIBRATION.md says what to measure and how the files look. Lengths are
+/// in um or nm and angles in urad, deg or arcsec, as the names of the columns say. The result is for `calibrate`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Directory with the measurements (*.csv).
+    #[arg(long, value_name = "DIR")]
+    measurements: PathBuf,
+    /// Machine file with what is known: order, travels, steps, fibre point, offsets of the drawing. Default: the file
+    /// nominal.toml beside the measurements.
+    #[arg(long, value_name = "FILE")]
+    nominal: Option<PathBuf>,
+    /// Where the machine file is written.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Do not fit these: NAME keeps the nominal value, NAME=VALUE is in rad, um, nm or nrad as in the machine file;
+    /// a beginning such as mount.fibre.rot_rad stands for all under it, `backlash` for every motor's.
+    #[arg(long, value_name = "NAME[=VALUE],...", value_delimiter = ',', allow_hyphen_values = true)]
+    hold: Vec<String>,
+    /// Do not fit a drift to files with times.
+    #[arg(long)]
+    no_drift: bool,
+    /// Keep readings that do not belong to the others.
+    #[arg(long)]
+    keep_outliers: bool,
+    /// Write a picture of the residuals of each file (SVG) into this directory.
+    #[arg(long, value_name = "DIR")]
+    plots: Option<PathBuf>,
+    /// Print the report as one JSON object (values and sigmas in rad, um, nm, nrad).
+    #[arg(long)]
+    json: bool,
+}
+
+impl Args {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let (nominal, source) = self.nominal_machine()?;
+        let options = Options { hold: self.held()?, drift: !self.no_drift, reject: !self.keep_outliers };
+        let series = read_directory(&self.measurements, &nominal.order).map_err(|error| self.failure(error.into()))?;
+        let mut progress = Progress::new();
+        let mut result = identify(&series, &nominal, &options, &mut |what| progress.show(what))
+            .map_err(|refusal| self.failure(refusal))?;
+        progress.clear();
+        result.gauge.push(format!("What is not fitted is as in {source}."));
+        let text = machine_file(&result);
+        Machine::parse(&text).map_err(|error| Failure::Refused(impossible(&error)))?;
+        // nothing is written before everything is known to be good
+        if let Some(directory) = &self.plots {
+            std::fs::create_dir_all(directory).map_err(|source| io(directory, source))?;
+            for (index, file) in result.files.iter().enumerate() {
+                if let Some(svg) = plots::residuals(&result, index) {
+                    let path = directory.join(format!("residuals-{}.svg", file.file.trim_end_matches(".csv")));
+                    std::fs::write(&path, svg).map_err(|source| io(&path, source))?;
+                }
+            }
+        }
+        std::fs::write(&self.output, text).map_err(|source| io(&self.output, source))?;
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&result).expect("a result is plain data"));
+        } else {
+            print!("{result}");
+            println!("written to {}", self.output.display());
+        }
+        Ok(())
+    }
+
+    fn nominal_machine(&self) -> Result<(Machine, String), Failure> {
+        let beside = self.measurements.join("nominal.toml");
+        match &self.nominal {
+            Some(path) => Ok((load(path)?, path.display().to_string())),
+            None if beside.exists() => Ok((load(&beside)?, beside.display().to_string())),
+            None => {
+                let reason = format!(
+                    "no nominal machine: give --nominal FILE, or put {} beside the measurements (order of the axes, \
+                     travels, steps, fibre point)",
+                    beside.display()
+                );
+                Err(Failure::Refused(reason))
+            }
+        }
+    }
+
+    fn held(&self) -> Result<Vec<(String, Option<f64>)>, Failure> {
+        let one = |text: &String| match text.split_once('=') {
+            None => Ok((text.trim().to_string(), None)),
+            Some((name, value)) => match value.trim().parse::<f64>() {
+                Ok(value) if value.is_finite() => Ok((name.trim().to_string(), Some(value))),
+                _ => Err(Failure::Refused(format!("--hold {text}: {value:?} is no number"))),
+            },
+        };
+        self.hold.iter().map(one).collect()
+    }
+
+    fn failure(&self, refusal: Refusal) -> Failure {
+        match refusal {
+            Refusal::Read(ReadError::Io { path, source }) => Failure::Io { path, source },
+            Refusal::Read(ReadError::Line { .. }) => {
+                Failure::Refused(format!("{}/{refusal}", self.measurements.display()))
+            }
+            other => Failure::Refused(other.to_string()),
+        }
+    }
+}
+
+fn io(path: &Path, source: std::io::Error) -> Failure {
+    Failure::Io { path: path.display().to_string(), source }
+}
+
+fn impossible(error: &MachineError) -> String {
+    format!("the fit ends where no stage is: {error}; look for a wrong unit, sign or axis in the measurements")
+}
+
+/// The machine with the uncertainty of every fitted value behind it.
+fn machine_file(result: &Identification) -> String {
+    let mut header = vec![format!(
+        "Fitted to {} readings: chi-square {:.1} at {} degrees of freedom. Behind the values: standard uncertainties.",
+        result.readings, result.chi_square, result.degrees_of_freedom
+    )];
+    header.extend(result.gauge.iter().map(|sentence| format!("Gauge: {sentence}")));
+    let sigma = |name: &str| {
+        let estimate = result.estimate(name)?;
+        Some(if estimate.held { "held".to_string() } else { format!("{:.2e}", estimate.sigma) })
+    };
+    let note = |key: &str| {
+        let parts: Vec<Option<String>> = ["x", "y", "z"].iter().map(|c| sigma(&format!("{key}.{c}"))).collect();
+        if parts.iter().any(Option::is_some) {
+            let parts: Vec<String> = parts.into_iter().map(|part| part.unwrap_or_else(|| "nominal".into())).collect();
+            return Some(format!("+- {}", parts.join(", ")));
+        }
+        let fitted = StaticErrors::NAMES.iter().any(|name| key == format!("static_rad.{name}"))
+            || Axis::ALL.iter().any(|axis| key == backlash_name(*axis));
+        sigma(key).filter(|_| fitted).map(|sigma| format!("+- {sigma}"))
+    };
+    to_toml_with(&result.machine, &header, note)
+}
+
+/// A line on a terminal's stderr that says what is being done, once it takes long.
+struct Progress {
+    since: Instant,
+    bar: Option<ProgressBar>,
+}
+
+impl Progress {
+    fn new() -> Self {
+        Progress { since: Instant::now(), bar: None }
+    }
+
+    fn show(&mut self, what: &str) {
+        if self.since.elapsed() > PATIENCE {
+            // draws on stderr, and only if that is a terminal
+            let bar = self.bar.get_or_insert_with(ProgressBar::new_spinner);
+            bar.set_message(what.to_string());
+            bar.tick();
+        }
+    }
+
+    fn clear(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! `host-sim measure`: a machine in, measurements of it out.
+
+use super::Failure;
+use super::common::load;
+use crate::machine::to_toml_with;
+use crate::measure::{MeasuredFile, Settings, measure, nominal};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Measure a stage whose constants are known as instruments would: with noise, drift and backlash, seeded.
+///
+/// Writes one .csv file for each measurement of docs/CALIBRATION.md, and nominal.toml, the machine without what is to
+/// be measured. `identify` takes the directory.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Machine file (TOML) of the true stage, or `paper` for the built-in machine.
+    #[arg(long, value_name = "FILE")]
+    machine: PathBuf,
+    /// Directory for the measurements; made if it is not there.
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Start of the random numbers: the same seed gives the same files.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Standard deviation of lengths, nm.
+    #[arg(long, value_name = "NM", default_value_t = 50.0)]
+    noise_nm: f64,
+    /// Standard deviation of angles, urad.
+    #[arg(long, value_name = "URAD", default_value_t = 1.0)]
+    noise_urad: f64,
+    /// Largest drift of lengths, nm per hour.
+    #[arg(long, value_name = "NM/H", default_value_t = 0.0)]
+    drift_nm: f64,
+    /// Largest drift of angles, urad per hour.
+    #[arg(long, value_name = "URAD/H", default_value_t = 0.0)]
+    drift_urad: f64,
+    /// Poses at which the fibre point is measured.
+    #[arg(long, value_name = "N", default_value_t = 300)]
+    poses: usize,
+    /// Poses at which the array's orientation is measured.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    orientations: usize,
+    /// Spoil so many readings of the fibre point (at most a tenth of them); the report names them.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    outliers: usize,
+    /// Do not write into the files how large the noise is.
+    #[arg(long)]
+    unstated_noise: bool,
+    /// Print what was written as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    machine: String,
+    seed: u64,
+    files: Vec<MeasuredFile>,
+}
+
+impl Args {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let machine = load(&self.machine)?;
+        for (name, value) in [
+            ("--noise-nm", self.noise_nm),
+            ("--noise-urad", self.noise_urad),
+            ("--drift-nm", self.drift_nm),
+            ("--drift-urad", self.drift_urad),
+        ] {
+            if !(0.0..1e6).contains(&value) {
+                return Err(Failure::Refused(format!("{name} {value}: must be 0 or positive, below 1e6")));
+            }
+        }
+        let settings = Settings {
+            seed: self.seed,
+            noise_nm: self.noise_nm,
+            noise_nrad: self.noise_urad * 1e3,
+            drift_nm_per_hour: self.drift_nm,
+            drift_nrad_per_hour: self.drift_urad * 1e3,
+            fibre_poses: self.poses,
+            orientation_poses: self.orientations,
+            outliers: self.outliers,
+            state_noise: !self.unstated_noise,
+        };
+        let mut files = measure(&machine, &settings);
+        files.retain(|file| file.readings > 0);
+        self.refuse_strangers(&files)?;
+        let io = |path: PathBuf| move |source| Failure::Io { path: path.display().to_string(), source };
+        std::fs::create_dir_all(&self.output).map_err(io(self.output.clone()))?;
+        let header = ["What is known of the stage before it is measured.".to_string()];
+        let path = self.output.join("nominal.toml");
+        std::fs::write(&path, to_toml_with(&nominal(&machine), &header, |_| None)).map_err(io(path))?;
+        for file in &files {
+            let path = self.output.join(&file.file);
+            std::fs::write(&path, &file.text).map_err(io(path))?;
+        }
+        let report = Report { machine: machine.name, seed: self.seed, files };
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&report).expect("a report is plain data"));
+        } else {
+            for file in &report.files {
+                println!("{}: {}, {} readings", file.file, file.kind, file.readings);
+                for spoiled in &file.spoiled {
+                    println!("  line {}: {} spoiled by {:+.1} nm", spoiled.line, spoiled.column, spoiled.by);
+                }
+            }
+            println!("written to {}", self.output.display());
+        }
+        Ok(())
+    }
+
+    /// `identify` reads every .csv file of the directory: none of another measurement may lie there.
+    fn refuse_strangers(&self, files: &[MeasuredFile]) -> Result<(), Failure> {
+        let Ok(entries) = std::fs::read_dir(&self.output) else {
+            return Ok(());
+        };
+        for name in entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()) {
+            if name.to_lowercase().ends_with(".csv") && !files.iter().any(|file| file.file == name) {
+                let directory = self.output.display();
+                let reason = format!("{directory} holds {name} of another measurement; give a directory of its own");
+                return Err(Failure::Refused(reason));
+            }
+        }
+        Ok(())
+    }
+}

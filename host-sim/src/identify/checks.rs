@@ -1,0 +1,222 @@
+//! What can be wrong with measurements before anything is fitted: order of runs, number of points, units by scale.
+
+use super::Refusal;
+use super::jacobian::Linearised;
+use super::series::{Kind, Reading, Series};
+use super::units::{Quantity, Unit, really};
+use crate::machine::{LARGEST_STATIC, Machine};
+use nalgebra::{Rotation3, Vector3};
+use stage_controller::units::{AXES, Axis};
+
+/// Runs go one way, and there are enough points.
+pub(super) fn runs(series: &[Series]) -> Result<(), Refusal> {
+    for file in series {
+        match file.kind {
+            Kind::Positioning(axis) | Kind::Straightness { axis, .. } => monotonic(file, axis)?,
+            Kind::Diagonal => lines(file)?,
+            Kind::Squareness => {
+                let over = file.readings.iter().find(|r| r.values[0].abs() > LARGEST_STATIC * 1e9);
+                if let Some(reading) = over {
+                    let reason = format!(
+                        "{:.1} urad from square, more than the {} mrad of any stage: is the unit of {} right?",
+                        reading.values[0] * 1e-3,
+                        LARGEST_STATIC * 1e3,
+                        written(file, 0)
+                    );
+                    return Err(Refusal::line(file, reading.line, reason));
+                }
+            }
+            _ => {}
+        }
+        if let Kind::Straightness { .. } = file.kind
+            && file.readings.len() < 3
+        {
+            let line = file.readings[0].line;
+            return Err(Refusal::line(file, line, "too few points: a straightness run has at least 3"));
+        }
+    }
+    Ok(())
+}
+
+fn monotonic(file: &Series, axis: Axis) -> Result<(), Refusal> {
+    for pair in file.readings.windows(2) {
+        let [before, now] = [&pair[0], &pair[1]];
+        if (before.run, before.down) != (now.run, now.down) {
+            continue;
+        }
+        let [from, to] = [before, now].map(|reading: &Reading| reading.motors[axis.index()]);
+        if (to - from) * if now.down { -1.0 } else { 1.0 } <= 0.0 {
+            let (unit, way) = if axis.is_rotary() { ("deg", 180e-9 / std::f64::consts::PI) } else { ("um", 1e-3) };
+            let reason = format!(
+                "run {} goes {} but the target goes from {:.6} to {:.6} {unit}: a run is monotonic, so that every \
+                 target is reached from one side",
+                now.run,
+                if now.down { "down" } else { "up" },
+                from * way,
+                to * way
+            );
+            return Err(Refusal::line(file, now.line, reason));
+        }
+    }
+    Ok(())
+}
+
+fn lines(file: &Series) -> Result<(), Refusal> {
+    let mut first = &file.readings[0];
+    let mut farthest = -1.0;
+    let mut points = 0;
+    for reading in file.readings.iter().chain(std::iter::once(&Reading { run: u32::MAX, ..file.readings[0] })) {
+        if reading.run != first.run {
+            if points < 2 {
+                let reason = format!("too few points: line {} has {points}, at least 2 are needed", first.run);
+                return Err(Refusal::line(file, first.line, reason));
+            }
+            first = reading;
+            farthest = -1.0;
+            points = 0;
+        }
+        let away = (0..3).map(|i| (reading.motors[i] - first.motors[i]).powi(2)).sum::<f64>().sqrt();
+        if away <= farthest && reading.run != u32::MAX {
+            let reason = format!("line {} is not monotonic: each point is farther from the first one", reading.run);
+            return Err(Refusal::line(file, reading.line, reason));
+        }
+        farthest = away;
+        points += 1;
+    }
+    Ok(())
+}
+
+/// Compares what was read with what the nominal machine would give: a factor is a mistaken unit.
+pub(super) fn scales(series: &[Series], nominal: &Machine) -> Result<(), Refusal> {
+    for file in series {
+        travel(file, nominal)?;
+        for column in 0..file.kind.columns().len() {
+            let predicted: Vec<f64> =
+                file.readings.iter().map(|reading| predicted(file, reading, nominal)[column]).collect();
+            let measured: Vec<f64> = file.readings.iter().map(|reading| reading.values[column]).collect();
+            let Some(ratio) = ratio(file, column, &predicted, &measured, nominal) else { continue };
+            if (0.5..2.0).contains(&ratio) {
+                continue;
+            }
+            let line = file.readings[0].line;
+            return Err(Refusal::line(file, line, complaint(file, column, ratio)));
+        }
+    }
+    Ok(())
+}
+
+fn written(file: &Series, column: usize) -> String {
+    let unit = file.units.get(column).map_or("", |unit| unit.name);
+    format!("{}_{unit}", file.kind.columns()[column])
+}
+
+fn complaint(file: &Series, column: usize, ratio: f64) -> String {
+    let name = written(file, column);
+    let unit: Option<Unit> = file.units.get(column).copied();
+    let times = ratio.abs().max(1.0 / ratio.abs());
+    let digits = if times < 100.0 { 2 } else { 0 };
+    let size = format!("{times:.digits$} times {}", if ratio.abs() > 1.0 { "larger" } else { "smaller" });
+    match unit.and_then(|unit| really(unit, ratio)) {
+        Some(real) => format!(
+            "unit: the values of {name} are {size} than the machine's motion; they look like {} written as {}",
+            real.name,
+            unit.map_or("", |unit| unit.name)
+        ),
+        None if (-2.0..-0.5).contains(&ratio) => {
+            format!("{name} goes against the machine's motion: the sign of the instrument or of the motor is reversed")
+        }
+        None => format!(
+            "{name}: the values are {size} than the machine's motion: look at the unit, the axis and the step size"
+        ),
+    }
+}
+
+/// Motor positions far beyond the travel are a mistaken unit, and so are runs that cover next to nothing of it.
+fn travel(file: &Series, nominal: &Machine) -> Result<(), Refusal> {
+    if file.kind == Kind::Squareness {
+        return Ok(());
+    }
+    for axis in Axis::ALL {
+        let [lower, upper] = nominal.drives[axis.index()].travel;
+        let span = upper - lower;
+        let (unit, size) = if axis.is_rotary() { ("deg", std::f64::consts::PI / 180.0 * 1e9) } else { ("um", 1e3) };
+        let at = |reading: &Reading| reading.motors[axis.index()];
+        if let Some(reading) = file.readings.iter().find(|r| at(r) < lower - span || at(r) > upper + span) {
+            let factor = at(reading).abs() / lower.abs().max(upper.abs());
+            let reason = format!(
+                "unit: {} at {:.6} {unit} is {factor:.0} times beyond its travel of {:.6} to {:.6} {unit}; look at the \
+                 unit of the column",
+                axis.name(),
+                at(reading) / size,
+                lower / size,
+                upper / size
+            );
+            return Err(Refusal::line(file, reading.line, reason));
+        }
+        let covered = file.readings.iter().map(at).fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
+        let covered = covered.1 - covered.0;
+        let moves = matches!(file.kind, Kind::Positioning(a) | Kind::Straightness { axis: a, .. } if a == axis)
+            || (covered > 0.0 && matches!(file.kind, Kind::Fibre(_)));
+        if moves && covered < span / 300.0 {
+            let reason = format!(
+                "unit: {} covers {:.6} {unit} of its travel of {:.6} {unit}; measure over the travel, or correct the \
+                 unit of the column",
+                axis.name(),
+                covered / size,
+                span / size
+            );
+            return Err(Refusal::line(file, file.readings[0].line, reason));
+        }
+    }
+    Ok(())
+}
+
+/// What the nominal machine would show, without play and without the instrument's own zero.
+fn predicted(file: &Series, reading: &Reading, nominal: &Machine) -> [f64; 3] {
+    let place = |motors: &[f64; AXES]| {
+        let (rotation, origin) = Linearised::new(nominal, motors).array(nominal);
+        (rotation, origin + rotation * Vector3::from(nominal.fibre_point_nm))
+    };
+    match file.kind {
+        Kind::Positioning(axis) => [reading.motors[axis.index()], 0.0, 0.0],
+        Kind::Fibre(_) => place(&reading.motors).1.into(),
+        Kind::Orientation => (Rotation3::from_matrix_unchecked(place(&reading.motors).0).scaled_axis() * 1e9).into(),
+        Kind::Diagonal => {
+            let first = file.readings.iter().find(|other| other.run == reading.run).unwrap_or(reading);
+            [(place(&reading.motors).1 - place(&first.motors).1).norm(), 0.0, 0.0]
+        }
+        Kind::Autocollimator(normal) => {
+            let vector = Rotation3::from_matrix_unchecked(place(&reading.motors).0).scaled_axis() * 1e9;
+            [vector[(normal + 1) % 3], vector[(normal + 2) % 3], 0.0]
+        }
+        Kind::Squareness | Kind::Straightness { .. } => [0.0; 3],
+    }
+}
+
+/// How many times the measured motion is the predicted one: the median over readings far from the middle. None where
+/// too little is predicted to compare.
+fn ratio(file: &Series, column: usize, predicted: &[f64], measured: &[f64], nominal: &Machine) -> Option<f64> {
+    let median = |values: &[f64]| {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        sorted[sorted.len() / 2]
+    };
+    let (middle, zero) = (median(predicted), median(measured));
+    let far = predicted.iter().fold(0.0_f64, |most, value| most.max((value - middle).abs()));
+    // what static errors of 20 mrad can do to this column at most
+    let reach = match file.kind.quantity() {
+        Quantity::Length => nominal.drives[..3].iter().map(|d| d.travel[1] - d.travel[0]).fold(0.0, f64::max),
+        Quantity::Angle => nominal.drives[3..].iter().map(|d| d.travel[1] - d.travel[0]).fold(0.0, f64::max),
+    };
+    let largest = file.readings.iter().flat_map(|r| r.motors).fold(0.0_f64, |most, value| most.max(value.abs()));
+    if column >= file.kind.columns().len() || far < 2.5 * LARGEST_STATIC * reach.min(largest) || far == 0.0 {
+        return None;
+    }
+    let ratios: Vec<f64> = predicted
+        .iter()
+        .zip(measured)
+        .filter(|(p, _)| (**p - middle).abs() > 0.3 * far)
+        .map(|(p, m)| (m - zero) / (p - middle))
+        .collect();
+    Some(median(&ratios))
+}

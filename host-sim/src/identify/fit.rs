@@ -1,0 +1,442 @@
+//! The fit of all files together: linear least squares, Levenberg-Marquardt, weights, outliers.
+
+use super::checks;
+use super::constants::Constant;
+use super::gauge::{Gauge, gauge};
+use super::least_squares::{Rows, Solution};
+use super::observe::{Block, Layout, Nuisance, Observer, State, nuisances};
+use super::outliers::{huber, threshold};
+use super::result::Identification;
+use super::reversal::{Runs, reversal};
+use super::series::{Kind, Series};
+use super::units::Quantity;
+use super::{Options, Refusal};
+use crate::machine::Machine;
+use nalgebra::{DMatrix, DVector};
+use stage_controller::units::Axis;
+
+/// Most steps of a fit; three or four are usual.
+const MOST_STEPS: usize = 60;
+/// A step below this many standard deviations ends the fit.
+const CONVERGED: f64 = 1e-3;
+/// Noise below which an estimate is not taken seriously, nm or nrad.
+const LEAST_NOISE: f64 = 1e-3;
+/// Rounds in which unstated noise is estimated anew.
+const NOISE_ROUNDS: usize = 4;
+/// Most rounds in which weights are given anew.
+const MOST_ROUNDS: usize = 30;
+/// Largest share of a file that may be left out.
+const MOST_REJECTED: f64 = 0.2;
+/// The same while the fit is not yet at its end.
+const HOPELESS: f64 = 0.5;
+
+/// Fits the constants to the measurements. `progress` is told what is being done.
+///
+/// # Errors
+/// What is wrong with a file, what the measurements do not tell, or a gauge that contradicts itself.
+pub fn identify(
+    series: &[Series],
+    nominal: &Machine,
+    options: &Options,
+    progress: &mut dyn FnMut(&str),
+) -> Result<Identification, Refusal> {
+    progress("checking");
+    checks::runs(series)?;
+    checks::scales(series, nominal)?;
+    let gauge = gauge(nominal, options)?;
+    let mut runs = Vec::new();
+    for (index, file) in series.iter().enumerate() {
+        let positioning = matches!(file.kind, Kind::Positioning(_));
+        runs.push(if positioning { Some(reversal(file, index, options)?) } else { None });
+    }
+    let mut fit = Fit::new(series, &gauge, &runs, options, progress);
+    fit.refuse_undetermined()?;
+    fit.run()?;
+    fit.result(nominal, gauge, runs)
+}
+
+/// Knowledge from elsewhere on one column: value and standard deviation.
+pub(super) struct Prior {
+    pub column: usize,
+    pub value: f64,
+    pub sigma: f64,
+}
+
+/// One reading after a fit.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Left {
+    pub residual: [f64; 3],
+    pub leverage: [f64; 3],
+}
+
+/// A fit on its way.
+pub(super) struct Fit<'a> {
+    pub(super) series: &'a [Series],
+    pub(super) options: &'a Options,
+    pub(super) progress: &'a mut dyn FnMut(&str),
+    pub(super) layout: Layout,
+    pub(super) own: Vec<Vec<Nuisance>>,
+    pub(super) priors: Vec<Prior>,
+    pub(super) state: State,
+    pub(super) noise: Vec<f64>,
+    /// 0 for rejected readings.
+    pub(super) weights: Vec<Vec<f64>>,
+    pub(super) solution: Option<Solution>,
+}
+
+impl<'a> Fit<'a> {
+    fn new(
+        series: &'a [Series],
+        gauge: &Gauge,
+        runs: &[Option<Runs>],
+        options: &'a Options,
+        progress: &'a mut dyn FnMut(&str),
+    ) -> Self {
+        let mut width = 0;
+        let mut column = |held: bool| {
+            width += usize::from(!held);
+            (!held).then(|| width - 1)
+        };
+        let constant_columns = gauge.held_constants.map(&mut column);
+        let play_columns = gauge.held_plays.map(&mut column);
+        let own: Vec<Vec<Nuisance>> = series.iter().map(|file| nuisances(file, options.drift)).collect();
+        let mut first = Vec::new();
+        let mut priors = Vec::new();
+        for own in &own {
+            first.push(width);
+            for (k, nuisance) in own.iter().enumerate() {
+                if let Some(sigma) = nuisance.prior {
+                    priors.push(Prior { column: width + k, value: 0.0, sigma });
+                }
+            }
+            width += own.len();
+        }
+        let order = gauge.start.order;
+        let layout = Layout { order, constants: Constant::all(&order), constant_columns, play_columns, first, width };
+        for (file, runs) in series.iter().zip(runs) {
+            if let (Kind::Positioning(axis), Some(runs)) = (file.kind, runs)
+                && let Some(column) = play_columns[axis.index()]
+            {
+                let sigma = runs.reversal.sigma.max(LEAST_NOISE);
+                priors.push(Prior { column, value: runs.reversal.backlash, sigma });
+            }
+        }
+        let mut start = gauge.start.clone();
+        for axis in Axis::ALL {
+            // a play of zero has no flank to tell it from
+            let estimates = series.iter().zip(runs).filter(|(file, _)| file.kind == Kind::Positioning(axis));
+            let play = estimates.filter_map(|(_, runs)| runs.as_ref()).map(|runs| runs.reversal.backlash).next();
+            if let Some(play) = play.filter(|_| play_columns[axis.index()].is_some()) {
+                start.drives[axis.index()].backlash = play;
+            }
+        }
+        let state = State { machine: start, own: own.iter().map(|own| vec![0.0; own.len()]).collect() };
+        let first_guess = |file: &Series| {
+            file.noise.unwrap_or(match file.kind.quantity() {
+                Quantity::Length => 100.0,
+                Quantity::Angle => 2000.0,
+            })
+        };
+        Fit {
+            series,
+            options,
+            progress,
+            layout,
+            own,
+            priors,
+            state,
+            noise: series.iter().map(first_guess).collect(),
+            weights: series.iter().map(|file| vec![1.0; file.readings.len()]).collect(),
+            solution: None,
+        }
+    }
+
+    /// Files that the common fit evaluates, all but the bidirectional runs.
+    pub(super) fn fitted(&self) -> impl Iterator<Item = (usize, &'a Series)> + use<'a> {
+        self.series.iter().enumerate().filter(|(_, file)| !matches!(file.kind, Kind::Positioning(_)))
+    }
+
+    /// Columns that the rows of a file can touch: all constants and plays, and its own.
+    fn touched(&self, index: usize) -> Vec<usize> {
+        let common = self.layout.first.first().copied().unwrap_or(self.layout.width);
+        let first = self.layout.first[index];
+        (0..common).chain(first..first + self.own[index].len()).collect()
+    }
+
+    /// The linear system at a state, and its weighted sum of squares.
+    pub(super) fn assemble(&self, state: &State) -> (Rows, f64) {
+        let mut rows = Rows::new(self.layout.width);
+        let mut cost = 0.0;
+        let mut block = Block::new(self.layout.width);
+        let mut whole = vec![0.0; self.layout.width];
+        for (index, file) in self.fitted() {
+            let observer = Observer::new(&self.layout, state, file, index, self.options.drift);
+            // a triangle of its own, without the columns of other files
+            let touched = self.touched(index);
+            let mut own = Rows::new(touched.len());
+            let mut row = vec![0.0; touched.len()];
+            for (k, weight) in self.weights[index].iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
+                observer.fill(k, &mut block);
+                let scale = weight.sqrt() / self.noise[index];
+                for c in 0..file.kind.columns().len() {
+                    row.iter_mut().zip(&touched).for_each(|(value, column)| *value = block.rows[c][*column] * scale);
+                    let right = block.residual[c] * scale;
+                    cost += right * right;
+                    own.push(&row, right);
+                }
+            }
+            own.triangle(|row, right| {
+                whole.fill(0.0);
+                touched.iter().zip(row).for_each(|(column, value)| whole[*column] = *value);
+                rows.push(&whole, right);
+            });
+        }
+        let mut row = vec![0.0; self.layout.width];
+        for prior in &self.priors {
+            row[prior.column] = 1.0 / prior.sigma;
+            let right = (prior.value - self.value(state, prior.column)) / prior.sigma;
+            cost += right * right;
+            rows.push(&row, right);
+            row[prior.column] = 0.0;
+        }
+        (rows, cost)
+    }
+
+    pub(super) fn value(&self, state: &State, column: usize) -> f64 {
+        let layout = &self.layout;
+        if let Some(i) = layout.constant_columns.iter().position(|c| *c == Some(column)) {
+            return layout.constants[i].of(&state.machine);
+        }
+        if let Some(i) = layout.play_columns.iter().position(|c| *c == Some(column)) {
+            return state.machine.drives[i].backlash;
+        }
+        let index = layout.first.partition_point(|first| *first <= column) - 1;
+        state.own[index][column - layout.first[index]]
+    }
+
+    fn moved(&self, step: &DVector<f64>) -> State {
+        let mut state = self.state.clone();
+        for (constant, column) in self.layout.constants.iter().zip(self.layout.constant_columns) {
+            if let Some(column) = column {
+                constant.set(&mut state.machine, constant.of(&self.state.machine) + step[column]);
+            }
+        }
+        for (drive, column) in state.machine.drives.iter_mut().zip(self.layout.play_columns) {
+            if let Some(column) = column {
+                drive.backlash += step[column];
+            }
+        }
+        for (own, first) in state.own.iter_mut().zip(&self.layout.first) {
+            for (k, value) in own.iter_mut().enumerate() {
+                *value += step[first + k];
+            }
+        }
+        state
+    }
+
+    /// Linear least squares, then Levenberg-Marquardt until a step is nothing. Returns the length of the first step in
+    /// standard deviations.
+    fn converge(&mut self) -> Result<f64, Refusal> {
+        let (rows, mut cost) = self.assemble(&self.state);
+        let mut solution = rows.solve();
+        let mut damping = 0.0;
+        let mut first = None;
+        for number in 1..=MOST_STEPS {
+            (self.progress)(&format!("fitting, step {number}"));
+            let step = solution.step(damping);
+            let length = solution.sigmas(&step);
+            let first = *first.get_or_insert(length);
+            // residuals larger than the stated noise make every step of theirs larger too
+            let scale = (cost / solution.rows.max(1) as f64).sqrt().max(1.0);
+            if length < CONVERGED * scale {
+                self.solution = Some(solution);
+                return Ok(first);
+            }
+            let trial = self.moved(&step);
+            let (rows, trial_cost) = self.assemble(&trial);
+            if trial_cost <= cost * (1.0 + 1e-9) + 1e-9 {
+                self.state = trial;
+                cost = trial_cost;
+                solution = rows.solve();
+                damping = if damping < 1e-9 { 0.0 } else { damping * 0.1 };
+            } else {
+                damping = if damping == 0.0 { 1e-6 } else { damping * 10.0 };
+            }
+        }
+        Err(Refusal::Result(
+            "the fit does not come to an end: the measurements contradict each other or the nominal machine \
+             (order of the axes, fibre point, signs of the motors)"
+                .into(),
+        ))
+    }
+
+    /// Residuals and leverages of all readings, rejected ones included.
+    pub(super) fn left(&self, root: &DMatrix<f64>) -> Vec<Vec<Left>> {
+        let mut all: Vec<Vec<Left>> = self.series.iter().map(|_| Vec::new()).collect();
+        let mut block = Block::new(self.layout.width);
+        let mut across = vec![0.0; root.ncols()];
+        for (index, file) in self.fitted() {
+            let observer = Observer::new(&self.layout, &self.state, file, index, self.options.drift);
+            let touched = self.touched(index);
+            for k in 0..file.readings.len() {
+                observer.fill(k, &mut block);
+                let mut left = Left { residual: block.residual, leverage: [0.0; 3] };
+                for c in 0..file.kind.columns().len() {
+                    across.iter_mut().for_each(|sum| *sum = 0.0);
+                    for (sum, column) in across.iter_mut().zip(root.column_iter()) {
+                        *sum = touched.iter().map(|j| block.rows[c][*j] * column[*j]).sum();
+                    }
+                    left.leverage[c] = across.iter().map(|sum| sum * sum).sum::<f64>() / self.noise[index].powi(2);
+                }
+                all[index].push(left);
+            }
+        }
+        all
+    }
+
+    pub(super) fn root(&self) -> DMatrix<f64> {
+        self.solution.as_ref().expect("the fit has converged").root()
+    }
+
+    /// Residual in standard deviations of what a reading that is not rejected (or, if it is, a new one) would show.
+    fn studentised(&self, index: usize, k: usize, left: &Left) -> [f64; 3] {
+        let kept = self.weights[index][k] > 0.0;
+        std::array::from_fn(|c| {
+            let leverage = left.leverage[c];
+            let share = if kept { (1.0 - leverage).max(1e-6) } else { 1.0 + leverage };
+            left.residual[c] / (self.noise[index] * share.sqrt())
+        })
+    }
+
+    /// Noise of files that do not state theirs, from the residuals and what the fit has taken from them.
+    /// Tells whether it changed by more than a hundredth.
+    fn estimate_noise(&mut self, robust: bool) -> bool {
+        let mut changed = false;
+        let left = self.left(&self.root());
+        for (index, file) in self.fitted() {
+            if file.noise.is_some() {
+                continue;
+            }
+            let columns = file.kind.columns().len();
+            let kept = (0..file.readings.len()).filter(|k| self.weights[index][*k] > 0.0);
+            let values: Vec<(f64, f64)> = kept
+                .flat_map(|k| (0..columns).map(move |c| (k, c)))
+                .map(|(k, c)| (left[index][k].residual[c], left[index][k].leverage[c]))
+                .collect();
+            let free: f64 = values.iter().map(|(_, leverage)| (1.0 - leverage).max(0.0)).sum();
+            let estimate = if robust {
+                let mut sizes: Vec<f64> = values.iter().map(|(residual, _)| residual.abs()).collect();
+                sizes.sort_by(f64::total_cmp);
+                // the median of |normal noise| is 0.6745 of its standard deviation
+                sizes[sizes.len() / 2] / 0.6745
+            } else {
+                (values.iter().map(|(residual, _)| residual * residual).sum::<f64>() / free.max(1e-9)).sqrt()
+            };
+            if free > 0.5 && estimate.is_finite() {
+                let estimate = estimate.max(LEAST_NOISE);
+                changed |= (estimate / self.noise[index] - 1.0).abs() > 0.01;
+                self.noise[index] = estimate;
+            }
+        }
+        changed
+    }
+
+    fn noise_unknown(&self) -> bool {
+        self.fitted().any(|(_, file)| file.noise.is_none())
+    }
+
+    fn run(&mut self) -> Result<(), Refusal> {
+        self.converge()?;
+        if self.noise_unknown() {
+            self.estimate_noise(true);
+            self.converge()?;
+        }
+        if self.options.reject {
+            self.reject()?;
+        }
+        if self.noise_unknown() {
+            for _ in 0..NOISE_ROUNDS {
+                self.estimate_noise(false);
+                self.converge()?;
+            }
+            if self.options.reject {
+                self.reject()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Leaves out what does not belong: weighted by Huber's rule until the fit stands, then by studentised residuals.
+    fn reject(&mut self) -> Result<(), Refusal> {
+        let values = self.fitted().map(|(_, file)| file.readings.len() * file.kind.columns().len()).sum();
+        let limit = threshold(values);
+        if !self.any_beyond(limit) {
+            return Ok(());
+        }
+        (self.progress)("looking for outliers");
+        for _ in 0..MOST_ROUNDS {
+            self.weigh(|worst| huber(worst).max(1e-6));
+            let moved = self.converge()?;
+            let noise_changed = self.noise_unknown() && self.estimate_noise(true);
+            if moved < 0.3 && !noise_changed {
+                break;
+            }
+        }
+        for _ in 0..MOST_ROUNDS {
+            let changed = self.weigh(|worst| if worst.abs() > limit { 0.0 } else { 1.0 });
+            self.refuse_strange_files(HOPELESS)?;
+            self.converge()?;
+            let noise_changed = self.noise_unknown() && self.estimate_noise(false);
+            if !changed && !noise_changed {
+                break;
+            }
+        }
+        self.refuse_strange_files(MOST_REJECTED)
+    }
+
+    /// Refuses a file of which more than a share is left out.
+    fn refuse_strange_files(&self, share: f64) -> Result<(), Refusal> {
+        for (index, file) in self.fitted() {
+            let rejected = self.weights[index].iter().filter(|weight| **weight == 0.0).count();
+            if rejected as f64 > share * file.readings.len() as f64 && rejected > 1 {
+                let reason = format!(
+                    "{rejected} of {} readings do not fit the other files within a noise of {:.3} {}: look for a wrong \
+                     unit, sign, axis or point, or a noise stated too small",
+                    file.readings.len(),
+                    self.noise[index],
+                    file.kind.quantity().unit()
+                );
+                return Err(Refusal::line(file, file.readings[0].line, reason));
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives every reading the weight of its worst value; tells whether one changed.
+    fn weigh(&mut self, weight: impl Fn(f64) -> f64) -> bool {
+        let left = self.left(&self.root());
+        let mut changed = false;
+        for (index, file) in self.fitted() {
+            for (k, left) in left[index].iter().enumerate() {
+                let now = weight(self.worst(index, file, k, left).1);
+                changed |= now != self.weights[index][k];
+                self.weights[index][k] = now;
+            }
+        }
+        changed
+    }
+
+    pub(super) fn worst(&self, index: usize, file: &Series, k: usize, left: &Left) -> (usize, f64) {
+        let studentised = self.studentised(index, k, left);
+        let columns = 0..file.kind.columns().len();
+        let worst = columns.max_by(|a, b| studentised[*a].abs().total_cmp(&studentised[*b].abs())).unwrap_or(0);
+        (worst, studentised[worst])
+    }
+
+    fn any_beyond(&self, limit: f64) -> bool {
+        let left = self.left(&self.root());
+        self.fitted().any(|(index, file)| {
+            (0..file.readings.len()).any(|k| self.worst(index, file, k, &left[index][k]).1.abs() > limit)
+        })
+    }
+}

@@ -1,0 +1,78 @@
+//! The result of an identification for a person.
+
+use super::result::Identification;
+use std::fmt;
+
+impl fmt::Display for Identification {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "machine {}: {}", self.machine_name, self.order.join(" -> "))?;
+        writeln!(f, "{:<28}{:>18}{:>14}  {:<5}{:>18}", "constant", "value", "sigma", "unit", "nominal")?;
+        for e in &self.estimates {
+            let digits = if e.unit == "rad" { 9 } else { 4 };
+            let value = format!("{:.digits$}", e.value);
+            let sigma = if e.held { "held".into() } else { format!("{:.digits$}", e.sigma) };
+            let nominal = format!("{:.digits$}", e.nominal);
+            writeln!(f, "{:<28}{value:>18}{sigma:>14}  {:<5}{nominal:>18}", e.name, e.unit)?;
+        }
+        writeln!(
+            f,
+            "rank {} of {} unknowns, condition {:.1e}; {} readings, chi-square {:.1} at {} degrees of freedom \
+             (p = {:.3})",
+            self.rank,
+            self.unknowns,
+            self.condition,
+            self.readings,
+            self.chi_square,
+            self.degrees_of_freedom,
+            self.probability
+        )?;
+        for r in &self.reversals {
+            writeln!(
+                f,
+                "{}: {} reversal value B {:.1} {u}, mean {:+.1} {u} (ISO 230-2); play {:.1} +- {:.1} {u} from {} targets \
+                 and {} runs",
+                r.file,
+                r.axis,
+                r.reversal,
+                r.mean_reversal,
+                r.backlash,
+                r.sigma,
+                r.targets,
+                r.runs,
+                u = r.unit
+            )?;
+        }
+        for file in &self.files {
+            writeln!(
+                f,
+                "{}: {}, {} readings, {} left out, rms of the residuals {:.2} {u}, noise {:.2} {u} ({})",
+                file.file,
+                file.kind,
+                file.readings,
+                file.rejected,
+                file.rms,
+                file.noise,
+                if file.noise_stated { "stated" } else { "estimated" },
+                u = file.unit
+            )?;
+        }
+        for outlier in &self.outliers {
+            writeln!(
+                f,
+                "left out: {}:{}: {} is {:+.1} off, {:.1} standard deviations",
+                outlier.file,
+                outlier.line,
+                outlier.column,
+                outlier.residual,
+                outlier.studentised.abs()
+            )?;
+        }
+        for sentence in &self.gauge {
+            writeln!(f, "gauge: {sentence}")?;
+        }
+        for warning in &self.warnings {
+            writeln!(f, "warning: {warning}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,555 @@
+//! Identification: what can be told from measurements, and how well.
+
+mod stage;
+
+use host_sim::calibrate::calibrate;
+use host_sim::identify::{
+    CONSTANTS, Constant, Identification, Linearised, Options, Walk, dependent, identify, parse, ranks,
+};
+use host_sim::machine::{Machine, StaticErrors, to_toml};
+use host_sim::measure::{Settings, measure, nominal};
+use host_sim::model::{Chain, vee};
+use nalgebra::{DMatrix, DVector, Vector3};
+use stage::Dice;
+use stage_controller::compensation::backlash::{Flank, Play, PlayConfig};
+use stage_controller::compensation::law::{Law, Switches};
+use stage_controller::units::{AXES, Axis, Pose};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+/// Full volume with optimisation, a tenth of it without.
+const STAGES: usize = if cfg!(debug_assertions) { 20 } else { 200 };
+
+/// All orders of the six axes.
+fn every_order() -> Vec<[Axis; AXES]> {
+    let mut orders = vec![Vec::new()];
+    for _ in 0..AXES {
+        orders = orders
+            .into_iter()
+            .flat_map(|order: Vec<Axis>| {
+                let rest: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| !order.contains(axis)).collect();
+                rest.into_iter().map(move |axis| [order.clone(), vec![axis]].concat())
+            })
+            .collect();
+    }
+    orders.into_iter().map(|order| order.try_into().unwrap()).collect()
+}
+
+fn linear_first(order: &[Axis; AXES]) -> bool {
+    order[..3].iter().all(|axis| !axis.is_rotary())
+}
+
+/// The paper's machine with statics, offsets and mounts drawn at random.
+fn drawn(dice: &mut Dice, order: [Axis; AXES]) -> Machine {
+    let mut machine = Machine { order, ..Machine::paper() };
+    machine.statics = StaticErrors::from_values([0.0; 9].map(|_| dice.between(-1e-3, 1e-3)));
+    for constant in Constant::all(&order).into_iter().skip(9) {
+        let reach = if constant.is_angle() { 1e-3 } else { 3e5 };
+        constant.set(&mut machine, dice.between(-reach, reach));
+    }
+    machine
+}
+
+#[test]
+fn of_the_48_candidates_24_can_be_told_apart_and_all_nine_static_angles() {
+    let orders = every_order();
+    assert_eq!(orders.len(), 720);
+    let (mut gap, mut full, mut less) = ((f64::MAX, 0.0_f64), 0, std::collections::BTreeMap::new());
+    let mut dice = Dice::new(48);
+    for order in orders {
+        for machine in
+            [Machine { order, statics: StaticErrors::default(), ..Machine::paper() }, drawn(&mut dice, order)]
+        {
+            let ranks = ranks(&machine);
+            assert_eq!((ranks.candidates, ranks.statics), (24, 9), "{order:?} {ranks:?}");
+            gap = (gap.0.min(ranks.gap.0), gap.1.max(ranks.gap.1));
+            if linear_first(&order) {
+                assert_eq!(ranks.chosen, 24, "{order:?}");
+            }
+            if ranks.chosen == 24 { full += 1 } else { *less.entry(ranks.chosen).or_insert(0) += 1 }
+        }
+    }
+    println!("figure: 720 orders, with and without errors: rank 24 of 48 and 9 of 9; singular values {gap:?}");
+    println!("figure: the 24 chosen constants have rank 24 in {full} of 1440 cases, less in {less:?}");
+}
+
+#[test]
+fn the_derivatives_are_those_of_the_exact_chain() {
+    let mut dice = Dice::new(5);
+    let mut worst = 0.0_f64;
+    for order in every_order().into_iter().step_by(29) {
+        let machine = drawn(&mut dice, order);
+        let pose = [2e6, -1e6, 3e6, 4e7, -6e7, 5e7];
+        let at = Linearised::new(&machine, &pose);
+        let (rotation, origin) = at.array(&machine);
+        let point = origin + rotation * Vector3::from(machine.fibre_point_nm);
+        let place = |machine: &Machine, pose: [f64; AXES]| {
+            let chain = Chain::new(machine);
+            let there = chain.true_pose(pose);
+            let turned = chain.euler().compose([there[3], there[4], there[5]].map(|a| a * 1e-9));
+            (chain.fibre_home() + Vector3::new(there[0], there[1], there[2]), turned * chain.home_rotation())
+        };
+        assert!((place(&machine, pose).0 - point).norm() < 1e-6);
+        for constant in Constant::all(&order) {
+            let h = if constant.is_angle() { 1e-5 } else { 1e4 };
+            let [more, less] = [h, -h].map(|h| {
+                let mut changed = machine.clone();
+                constant.set(&mut changed, constant.of(&machine) + h);
+                place(&changed, pose)
+            });
+            let twist = at.constant(constant, &order);
+            let moved = (more.0 - less.0) / (2.0 * h) - twist.moves(point);
+            let turned = vee(&(more.1 * less.1.transpose())) / (2.0 * h) - twist.turn;
+            let off =
+                if constant.is_angle() { moved.norm() / 5e7 + turned.norm() } else { moved.norm() + turned.norm() };
+            worst = worst.max(off);
+            assert!(off < 1e-7, "{order:?} {constant}: {moved} {turned}");
+        }
+    }
+    println!("figure: derivatives differ from differences of the exact chain by at most {worst:.1e}");
+}
+
+#[test]
+fn orders_in_which_the_usual_24_depend_on_each_other_are_known_by_name() {
+    let order = [Axis::Gamma, Axis::Beta, Axis::Alpha, Axis::Z, Axis::X, Axis::Y];
+    let lost = dependent(&order, &drawn(&mut Dice::new(1), order));
+    println!(
+        "figure: gamma beta alpha Z X Y: dependent {:?}",
+        lost.iter().map(Constant::to_string).collect::<Vec<_>>()
+    );
+    assert!(!lost.is_empty());
+}
+
+/// A stage as it might come: any order with the linear axes first, 1 mrad, offsets, mounts, backlash to 1 um and
+/// 100 urad; fine steps, so that noise and not rounding decides.
+fn random_stage(dice: &mut Dice) -> Machine {
+    let random = dice.stage().machine;
+    let mut machine = drawn(dice, random.order);
+    machine.name = "random".into();
+    machine.fibre_point_nm = (dice.direction() * dice.between(1e6, 50e6)).into();
+    for axis in Axis::ALL {
+        let drive = &mut machine.drives[axis.index()];
+        let (step, most, reach) = if axis.is_rotary() { (100.0, 1e5, 6e7) } else { (10.0, 1e3, 1e7) };
+        drive.step = step;
+        drive.backlash = dice.between(0.0, most);
+        drive.travel = [-reach, reach];
+        drive.switches = drive.travel.map(|end| 1.1 * end);
+        drive.velocity = step * 4e5;
+        drive.acceleration = step * 4e6;
+        drive.jerk = step * 8e7;
+    }
+    // as a file holds it
+    Machine::parse(&to_toml(&machine)).expect("a machine that can be")
+}
+
+/// The way through the files: measured, written, read, fitted.
+fn round_trip(truth: &Machine, settings: &Settings, options: &Options) -> Identification {
+    let known = nominal(truth);
+    let series: Vec<_> =
+        measure(truth, settings).iter().map(|f| parse(&f.file, &f.text, &known.order).expect(&f.file)).collect();
+    identify(&series, &known, options, &mut |_| {}).expect("everything was measured")
+}
+
+/// Estimate less truth in the order of the estimates, in their units, and the same in standard deviations.
+fn errors(truth: &Machine, result: &Identification) -> (DVector<f64>, DVector<f64>) {
+    let mut values: Vec<f64> = Vec::new();
+    for constant in Constant::all(&truth.order) {
+        values.push(constant.of(truth) / if constant.is_angle() { 1.0 } else { 1e3 });
+    }
+    values.extend(truth.drives.map(|drive| drive.backlash));
+    let off = DVector::from_fn(values.len(), |i, _| result.estimates[i].value - values[i]);
+    let normalised = DVector::from_fn(values.len(), |i, _| off[i] / result.estimates[i].sigma);
+    (off, normalised)
+}
+
+/// Probability of errors at least as far from 0 as these, by their own covariance.
+fn probability(result: &Identification, off: &DVector<f64>, part: std::ops::Range<usize>) -> f64 {
+    let n = part.len();
+    let at = part.start;
+    let scale = |i: usize| result.estimates[at + i].sigma;
+    let correlation = DMatrix::from_fn(n, n, |i, j| result.covariance[at + i][at + j] / (scale(i) * scale(j)));
+    let normalised = DVector::from_fn(n, |i, _| off[at + i] / scale(i));
+    let inverse = correlation.cholesky().expect("positive definite").inverse();
+    ChiSquared::new(n as f64).unwrap().sf(normalised.dot(&(inverse * &normalised)))
+}
+
+/// Squares of the fibre point's residual: found, as the covariance predicts it, and with the rounding to steps.
+#[derive(Default)]
+struct Residuals {
+    found: f64,
+    noise: f64,
+    rounding: f64,
+    poses: f64,
+}
+
+/// Sends the fibre point to poses by the fixed-point law of the identified machine, on the true stage with its play.
+/// The motors' steps are made `finer` times smaller than those with which it was measured.
+fn compensate(truth: &Machine, result: &Identification, finer: f64, dice: &mut Dice, sums: &mut Residuals) {
+    let mut identified = Machine::parse(&to_toml(&result.machine)).unwrap();
+    let mut truth = truth.clone();
+    for drives in [&mut identified.drives, &mut truth.drives] {
+        for drive in drives {
+            drive.step /= finer;
+            drive.velocity /= finer;
+        }
+    }
+    let truth = &truth;
+    let (calibration, _) = calibrate(&identified).expect("calibrate takes the result");
+    let law = Law::new(&calibration, Switches::default(), calibration.fibre_point);
+    let chain = Chain::new(truth);
+    let mut plays = [Play::resting(0, Some(Flank::Positive), 0); AXES];
+    let mut walk = Walk::new(truth.drives.map(|drive| drive.backlash));
+    let covariance = DMatrix::from_fn(30, 30, |i, j| {
+        let unit = |i: usize| if result.estimates[i].unit == "um" { 1e3 } else { 1.0 };
+        result.covariance[i][j] * unit(i) * unit(j)
+    });
+    let home = Linearised::new(truth, &[0.0; AXES]);
+    for _ in 0..100 {
+        let pose = dice.pose(truth).map(|u| u / 2);
+        let steps = law.steps(Pose(pose)).0;
+        let mut motors = [0.0; AXES];
+        for i in 0..AXES {
+            plays[i].turn(steps[i], PlayConfig::default().dead_band);
+            let width = calibration.motors[i].backlash_steps as i32;
+            let overlay = PlayConfig { width, ..PlayConfig::default() }.overlay_of(plays[i].flank());
+            motors[i] = f64::from(steps[i] + overlay) * truth.drives[i].step;
+        }
+        let behind = walk.to(&motors);
+        let there = chain.true_pose(behind.actuators);
+        sums.found += (0..3).map(|c| (there[c] - f64::from(pose[c])).powi(2)).sum::<f64>();
+        sums.poses += 1.0;
+
+        let at = Linearised::new(truth, &behind.actuators);
+        let point = chain.fibre_home() + Vector3::new(there[0], there[1], there[2]);
+        let mut gain = DMatrix::zeros(3, 30);
+        for (j, constant) in Constant::all(&truth.order).into_iter().enumerate() {
+            let here = at.constant(constant, &truth.order).moves(point);
+            gain.set_column(j, &(here - home.constant(constant, &truth.order).moves(chain.fibre_home())));
+        }
+        for axis in Axis::ALL {
+            let (i, twist) = (axis.index(), at.actuator(axis).moves(point));
+            gain.set_column(CONSTANTS + i, &(twist * behind.per_play[i]));
+            // the count is rounded, and on the other flank the play as well
+            let rounded = truth.drives[i].step.powi(2) / 12.0 * (1.0 + behind.per_play[i]);
+            sums.rounding += twist.norm_squared() * rounded;
+        }
+        sums.noise += (&gain * &covariance * gain.transpose()).trace();
+    }
+}
+
+#[test]
+fn two_hundred_random_stages_come_back_from_their_measurements_within_honest_uncertainties() {
+    let mut dice = Dice::new(200);
+    let (mut within, mut play_within, mut all, mut plays) = (0, 0, 0, 0);
+    let (mut honest, mut play_honest, mut likely) = (0, 0, 0);
+    let mut sums = [Residuals::default(), Residuals::default()];
+    let mut largest = 0.0_f64;
+    for seed in 0..STAGES {
+        let truth = random_stage(&mut dice);
+        let settings = Settings { seed: seed as u64, ..Settings::default() };
+        assert_eq!((settings.noise_nm, settings.noise_nrad), (50.0, 1000.0));
+        let result = round_trip(&truth, &settings, &Options::default());
+        assert_eq!(result.rank, result.unknowns);
+        let (off, normalised) = errors(&truth, &result);
+        for (i, value) in normalised.iter().enumerate() {
+            let inside = usize::from(value.abs() <= 3.0);
+            if i < CONSTANTS {
+                (all, within) = (all + 1, within + inside)
+            } else {
+                (plays, play_within) = (plays + 1, play_within + inside)
+            }
+            largest = largest.max(value.abs());
+        }
+        let fair = |p: f64| usize::from((0.001..=0.999).contains(&p));
+        honest += fair(probability(&result, &off, 0..CONSTANTS));
+        play_honest += fair(probability(&result, &off, CONSTANTS..CONSTANTS + AXES));
+        likely += fair(result.probability);
+        for (finer, sums) in [1.0, 4.0].into_iter().zip(&mut sums) {
+            compensate(&truth, &result, finer, &mut dice, sums);
+        }
+    }
+    let share = |part: usize, whole: usize| 100.0 * part as f64 / whole as f64;
+    println!(
+        "figure: {STAGES} stages, {all} constants: {:.2} % within 3 sigma (largest {largest:.2})",
+        share(within, all)
+    );
+    println!("figure: chi-square of the 24 constants fair for {:.1} % of the stages", share(honest, STAGES));
+    println!(
+        "figure: {plays} backlashes: {:.2} % within 3 sigma, fair for {:.1} %",
+        share(play_within, plays),
+        share(play_honest, STAGES)
+    );
+    println!("figure: chi-square of the residuals fair for {:.1} % of the stages", share(likely, STAGES));
+    for (step, sums) in ["10 nm and 100 nrad", "2.5 nm and 25 nrad"].into_iter().zip(&sums) {
+        let rms = |sum: f64| (sum / sums.poses).sqrt();
+        let (found, noise, both) = (rms(sums.found), rms(sums.noise), rms(sums.noise + sums.rounding));
+        println!(
+            "figure: steps of {step}: residual at the fibre point over {} poses {found:.2} nm rms; Cramer-Rao {noise:.2} \
+             nm (ratio {:.3}), with rounding to steps {both:.2} nm (ratio {:.3})",
+            sums.poses,
+            found / noise,
+            found / both
+        );
+        assert!(found <= 1.2 * both);
+        assert!(found >= 0.8 * both, "the prediction is no mere bound");
+        if step.starts_with("2.5") {
+            assert!(found <= 1.2 * noise);
+        }
+    }
+    assert!(share(within, all) >= 99.0 && share(play_within, plays) >= 99.0);
+    assert!(share(honest, STAGES) >= 99.0 && share(play_honest, STAGES) >= 99.0 && share(likely, STAGES) >= 99.0);
+}
+
+#[test]
+fn drift_outliers_and_unstated_noise_leave_the_result_honest() {
+    let mut dice = Dice::new(31);
+    let (mut within, mut all, mut found, mut named) = (0, 0, 0, 0);
+    let (mut ratio, mut files) = (0.0, 0.0);
+    let stages = STAGES / 10;
+    for seed in 0..stages {
+        let truth = random_stage(&mut dice);
+        let settings = Settings {
+            seed: seed as u64,
+            drift_nm_per_hour: 2000.0,
+            drift_nrad_per_hour: 20_000.0,
+            outliers: 6,
+            state_noise: false,
+            ..Settings::default()
+        };
+        let result = round_trip(&truth, &settings, &Options::default());
+        let (_, normalised) = errors(&truth, &result);
+        all += normalised.len();
+        within += normalised.iter().filter(|value| value.abs() <= 3.0).count();
+        let spoiled: Vec<u64> =
+            measure(&truth, &settings).iter().flat_map(|file| file.spoiled.iter().map(|s| s.line)).collect();
+        assert_eq!(spoiled.len(), 6);
+        found +=
+            spoiled.iter().filter(|l| result.outliers.iter().any(|o| o.file == "fibre.csv" && o.line == **l)).count();
+        named += result.outliers.len();
+        for file in result.files.iter().filter(|file| file.readings >= 100) {
+            assert!(!file.noise_stated);
+            ratio += file.noise / if file.unit == "nm" { 50.0 } else { 1000.0 };
+            files += 1.0;
+        }
+        // without a drift in the model the same readings do not fit
+        let without = Options { drift: false, reject: false, ..Options::default() };
+        let stated = Settings { state_noise: true, outliers: 0, ..settings };
+        assert!(round_trip(&truth, &stated, &without).probability < 1e-3);
+    }
+    let share = 100.0 * within as f64 / all as f64;
+    println!(
+        "figure: {stages} stages with drift and {} spoiled readings: {found} found, {named} left out in all",
+        6 * stages
+    );
+    println!(
+        "figure: {share:.2} % of {all} parameters within 3 sigma; estimated noise {:.3} of the true one",
+        ratio / files
+    );
+    assert_eq!(found, 6 * stages);
+    assert!(named <= found + stages.div_ceil(4), "good readings stay");
+    assert!(share >= 99.0 && (ratio / files - 1.0).abs() < 0.05);
+}
+
+#[test]
+fn backlash_that_is_taken_for_nothing_contaminates_squareness_and_is_noticed() {
+    let mut truth = Machine::paper();
+    truth.drives.iter_mut().take(3).for_each(|drive| drive.backlash = 1000.0);
+    let known = nominal(&truth);
+    let read = |approach: &str| {
+        let files = measure(&truth, &Settings::default());
+        let text = |file: &str, text: &str| {
+            text.replace("approach: sequence", if file.starts_with("fibre") { approach } else { "approach: sequence" })
+        };
+        let series: Vec<_> =
+            files.iter().map(|f| parse(&f.file, &text(&f.file, &f.text), &known.order).unwrap()).collect();
+        let options = Options { reject: false, ..Options::default() };
+        identify(&series, &known, &options, &mut |_| {}).unwrap()
+    };
+    let (right, wrong) = (read("approach: sequence"), read("approach: up"));
+    let off = |result: &Identification| errors(&truth, result).1.rows(0, CONSTANTS).amax();
+    println!(
+        "figure: 1 um of backlash in the readings: worst constant {:.1} sigma off with it in the model, {:.1} without \
+         (p = {:.2} and {:.0e})",
+        off(&right),
+        off(&wrong),
+        right.probability,
+        wrong.probability
+    );
+    assert!(off(&right) < 4.0 && right.probability > 1e-3 && right.warnings.is_empty());
+    assert!(off(&wrong) > 4.0 && wrong.probability < 1e-6);
+    assert!(wrong.warnings.iter().any(|warning| warning.contains("larger than the stated noise")));
+}
+
+#[test]
+fn one_flank_gives_the_constants_without_any_knowledge_of_backlash() {
+    let truth = drawn(&mut Dice::new(9), Machine::paper().order);
+    let known = nominal(&truth);
+    let free =
+        Machine { drives: truth.drives.map(|d| host_sim::machine::Drive { backlash: 0.0, ..d }), ..truth.clone() };
+    let files = measure(&free, &Settings::default());
+    let kept = |kind: &str| kind == "fibre" || kind == "orientation";
+    let series: Vec<_> = files
+        .iter()
+        .filter(|f| kept(f.kind))
+        .map(|f| parse(&f.file, &f.text.replace("approach: sequence", "approach: up"), &known.order).unwrap())
+        .collect();
+    let all = identify(&series, &known, &Options::default(), &mut |_| {});
+    let message = all.expect_err("nothing tells the backlash").to_string();
+    for axis in Axis::ALL {
+        assert!(message.contains(&format!("axes.{}.backlash", axis.name())), "{message}");
+    }
+    assert!(message.contains("bidirectional runs") && message.contains("--hold axes.X.backlash_nm"), "{message}");
+    assert!(!message.contains("static_rad") && !message.contains("mount"), "{message}");
+    let options = Options { hold: vec![("backlash".into(), None)], ..Options::default() };
+    let result = identify(&series, &known, &options, &mut |_| {}).unwrap();
+    assert!(errors(&free, &result).1.rows(0, CONSTANTS).amax() < 4.0);
+    assert!(result.estimates[CONSTANTS..].iter().all(|estimate| estimate.held && estimate.sigma == 0.0));
+    assert_eq!(result.gauge.iter().filter(|sentence| sentence.contains("on request")).count(), 6);
+}
+
+/// The files of a machine of which some are left out or changed.
+fn fit(
+    truth: &Machine,
+    options: &Options,
+    edit: impl Fn(&str, String) -> Option<String>,
+) -> Result<Identification, String> {
+    let known = nominal(truth);
+    let settings = Settings::default();
+    let mut series = Vec::new();
+    for file in measure(truth, &settings) {
+        if let Some(text) = edit(&file.file, file.text) {
+            series.push(parse(&file.file, &text, &known.order).map_err(|error| error.to_string())?);
+        }
+    }
+    identify(&series, &known, options, &mut |_| {}).map_err(|refusal| refusal.to_string())
+}
+
+#[test]
+fn positions_of_one_point_alone_leave_the_orientation_of_the_array_open_and_say_so() {
+    // a lever that shows tilts well
+    let truth = Machine { fibre_point_nm: [875e3, 12e6, 50e6], ..drawn(&mut Dice::new(3), Machine::paper().order) };
+    let only_fibre = |file: &str, text: String| file.starts_with("fibre").then_some(text);
+    let message = fit(&truth, &Options::default(), only_fibre).unwrap_err();
+    println!("{message}");
+    for c in ["x", "y", "z"] {
+        assert!(message.contains(&format!("mount.fibre.rot_rad.{c}")), "{message}");
+        assert!(message.contains(&format!("mount.fibre.offset_um.{c}")), "{message}");
+    }
+    assert!(!message.contains("static_rad") && !message.contains("backlash") && !message.contains("mount.chip"));
+    assert!(message.contains("--hold mount.fibre.rot_rad.x,mount.fibre.rot_rad.y,mount.fibre.rot_rad.z"), "{message}");
+    // held at the truth, positions alone tell all the rest
+    let hold =
+        (0..3).map(|c| (Constant::FibreRotation(c).to_string(), Some(truth.mounts.fibre.rotation_rad[c]))).collect();
+    let result = fit(&truth, &Options { hold, ..Options::default() }, only_fibre).unwrap();
+    let (_, normalised) = errors(&truth, &result);
+    assert!((0..30).filter(|i| !(15..18).contains(i)).all(|i| normalised[i].abs() < 4.0), "{normalised}");
+    assert_eq!(result.estimates.iter().filter(|estimate| estimate.held).count(), 3);
+}
+
+#[test]
+fn two_more_points_of_the_array_tell_its_orientation() {
+    let truth = drawn(&mut Dice::new(4), Machine::paper().order);
+    let known = nominal(&truth);
+    let mut series = Vec::new();
+    for (seed, point) in (1..).zip([[875.0, 100.0, 500.0], [-875.0, 100.0, 500.0], [0.0, 2000.0, 500.0]]) {
+        let there = Machine { fibre_point_nm: point.map(|v| v * 1e3), ..truth.clone() };
+        let files = measure(&there, &Settings { seed, ..Settings::default() });
+        let fibre = files.iter().find(|file| file.kind == "fibre").unwrap();
+        let [x, y, z] = point;
+        let text = format!("# point_um: {x}, {y}, {z}\n{}", fibre.text);
+        series.push(parse(&format!("fibre-{seed}.csv"), &text, &known.order).unwrap());
+    }
+    let result = identify(&series, &known, &Options::default(), &mut |_| {}).unwrap();
+    assert_eq!(result.rank, result.unknowns);
+    assert!(errors(&truth, &result).1.amax() < 4.0);
+}
+
+#[test]
+fn poses_that_never_use_an_axis_are_refused_with_what_it_would_have_told() {
+    let truth = drawn(&mut Dice::new(6), Machine::paper().order);
+    let still = Machine {
+        drives: {
+            let mut d = truth.drives;
+            d[5].travel = [-1.0, 1.0];
+            d
+        },
+        ..truth.clone()
+    };
+    let known = nominal(&truth);
+    let files = measure(&still, &Settings::default());
+    let wanted = ["fibre", "orientation"];
+    let series: Vec<_> = files
+        .iter()
+        .filter(|f| wanted.contains(&f.kind))
+        .map(|f| parse(&f.file, &f.text, &known.order).unwrap())
+        .collect();
+    let message = identify(&series, &known, &Options::default(), &mut |_| {}).unwrap_err().to_string();
+    println!("{message}");
+    assert!(message.contains("ex_gamma") && message.contains("axes.gamma.backlash_nrad"), "{message}");
+    assert!(!message.contains("S_ZX") && message.contains("add poses"), "{message}");
+}
+
+#[test]
+fn an_order_with_a_linear_axis_on_a_rotary_one_is_fitted_too_and_its_gauge_said() {
+    use Axis::{Alpha, Beta, Gamma, X, Y, Z};
+    for order in [[Z, X, Gamma, Y, Beta, Alpha], [Gamma, Beta, Alpha, Z, X, Y]] {
+        let truth = drawn(&mut Dice::new(12), order);
+        let result = fit(&truth, &Options::default(), |_, text| Some(text)).unwrap();
+        let held: Vec<_> = result.estimates.iter().filter(|e| e.held).map(|e| e.name.as_str()).collect();
+        println!("{order:?}: held {held:?}, p = {:.2}", result.probability);
+        assert!(result.probability > 1e-3 && result.rank == result.unknowns);
+        for name in held {
+            assert!(result.gauge.iter().any(|sentence| sentence.contains(name)), "{name}");
+        }
+        // whatever the gauge: the stage goes where the truth goes
+        let chains = [Chain::new(&truth), Chain::new(&result.machine)];
+        let mut dice = Dice::new(13);
+        for _ in 0..100 {
+            let pose = dice.pose(&truth).map(f64::from);
+            let [a, b] = [0, 1].map(|i| chains[i].true_pose(pose));
+            let off = (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f64>().sqrt();
+            assert!(off < 100.0, "{off} nm");
+        }
+    }
+}
+
+#[test]
+fn ten_thousand_readings_take_seconds() {
+    let truth = drawn(&mut Dice::new(2), Machine::paper().order);
+    let count = if cfg!(debug_assertions) { 1000 } else { 10_000 };
+    let settings = Settings { fibre_poses: count, outliers: 20, ..Settings::default() };
+    let since = std::time::Instant::now();
+    let result = round_trip(&truth, &settings, &Options::default());
+    let seconds = since.elapsed().as_secs_f64();
+    println!("figure: {} readings measured, read and fitted in {seconds:.2} s", result.readings);
+    assert!(result.readings > count && seconds <= 5.0);
+    assert_eq!(result.outliers.iter().filter(|outlier| outlier.file == "fibre.csv").count(), 20);
+}
+
+#[test]
+fn the_real_controller_brings_the_true_stage_to_the_pose_after_identification() {
+    use host_sim::board::{Board, Interleaving};
+    let mut dice = Dice::new(77);
+    let mut worst = [0.0_f64; 2];
+    for seed in 0..3 {
+        let truth = random_stage(&mut dice);
+        let result = round_trip(&truth, &Settings { seed, ..Settings::default() }, &Options::default());
+        let identified = Machine::parse(&to_toml(&result.machine)).unwrap();
+        for (known, worst) in [nominal(&truth), identified].iter().zip(&mut worst) {
+            let mut board = Board::new(&truth, stage::homed(known), Interleaving::Prompt, seed);
+            assert!(board.settle());
+            for _ in 0..4 {
+                let pose = dice.pose(&truth).map(|u| i64::from(u / 10));
+                board.front.pose_absolute(pose).expect("inside the travel");
+                assert!(board.settle());
+                let there = board.twin().true_pose();
+                let off = (0..3).map(|c| (there[c] - pose[c] as f64).powi(2)).sum::<f64>().sqrt();
+                *worst = worst.max(off);
+            }
+        }
+    }
+    println!(
+        "figure: step words on the true stage: worst residual at the fibre point {:.0} nm uncalibrated, {:.1} nm identified",
+        worst[0], worst[1]
+    );
+    assert!(worst[0] > 1000.0 && worst[1] < 60.0);
+}

@@ -1,0 +1,299 @@
+//! The commands `measure` and `identify` as a user meets them, and what they say about bad files.
+
+use host_sim::identify::{Options, identify, parse};
+use host_sim::machine::Machine;
+use host_sim::measure::{Settings, measure, nominal};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn tool(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_host-sim")).args(arguments).output().expect("host-sim runs")
+}
+
+/// A directory of its own for each test, empty.
+fn place(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&path);
+    std::fs::create_dir_all(&path).unwrap();
+    path
+}
+
+fn shipped(name: &str) -> String {
+    format!("{}/machines/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("a plain name")
+}
+
+#[test]
+fn a_stage_is_measured_identified_and_calibrated() {
+    let place = place("whole-way");
+    let (data, found, block) = (place.join("data"), place.join("found.toml"), place.join("found.cal"));
+    let measured = tool(&["measure", "--machine", &shipped("long-lever.toml"), "-o", text(&data), "--json"]);
+    assert!(measured.status.success(), "{measured:?}");
+    let report: serde_json::Value = serde_json::from_slice(&measured.stdout).unwrap();
+    assert_eq!(report["files"].as_array().unwrap().len(), 17);
+    let pictures = place.join("pictures");
+    let identified =
+        tool(&["identify", "--measurements", text(&data), "-o", text(&found), "--plots", text(&pictures), "--json"]);
+    assert!(identified.status.success(), "{identified:?}");
+    assert!(identified.stderr.is_empty(), "no progress line where there is no terminal: {identified:?}");
+    let result: serde_json::Value = serde_json::from_slice(&identified.stdout).unwrap();
+    assert_eq!(result["rank"], result["unknowns"]);
+    assert_eq!(result["estimates"].as_array().unwrap().len(), 30);
+    assert!(result["probability"].as_f64().unwrap() > 1e-3);
+    assert!(result["gauge"].as_array().unwrap().len() >= 5);
+
+    let (machine, truth) =
+        (Machine::load(&found).unwrap(), Machine::load(shipped("long-lever.toml").as_ref()).unwrap());
+    for (found, truth) in machine.statics.values().into_iter().zip(truth.statics.values()) {
+        assert!((found - truth).abs() < 1.5e-5, "{found} {truth}");
+    }
+    for (found, truth) in machine.drives.iter().zip(&truth.drives) {
+        assert!((found.backlash - truth.backlash).abs() < 0.002 * truth.backlash + 20.0);
+        assert_eq!((found.step, found.travel, found.jerk), (truth.step, truth.travel, truth.jerk));
+    }
+    assert!(tool(&["calibrate", text(&found), "-o", text(&block)]).status.success());
+    let written = std::fs::read_to_string(&found).unwrap();
+    assert!(written.contains("+- ") && written.contains("# Gauge: "), "{written}");
+
+    let svg = std::fs::read_to_string(pictures.join("residuals-fibre.svg")).unwrap();
+    assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+    assert!(svg.matches("<circle").count() >= 900, "one for each value");
+    assert_eq!(std::fs::read_dir(&pictures).unwrap().count(), 17);
+}
+
+#[test]
+fn the_report_for_people_says_rank_reversal_and_gauge() {
+    let place = place("report");
+    let (data, found) = (place.join("data"), place.join("found.toml"));
+    assert!(tool(&["measure", "--machine", "paper", "-o", text(&data), "--outliers", "2"]).status.success());
+    let done = tool(&["identify", "--measurements", text(&data), "-o", text(&found)]);
+    let report = String::from_utf8(done.stdout).unwrap();
+    for part in ["rank 65 of 65", "reversal value B", "ISO 230-2", "gauge: ", "left out: fibre.csv:", "chi-square"] {
+        assert!(report.contains(part), "{part} in {report}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_files_and_another_one_others() {
+    let machine = Machine::paper();
+    let files = |seed| measure(&machine, &Settings { seed, ..Settings::default() });
+    assert_eq!(files(7), files(7));
+    assert_ne!(files(7)[0].text, files(8)[0].text);
+}
+
+#[test]
+fn measurements_do_not_mix_with_those_that_lie_there_already() {
+    let place = place("strangers");
+    std::fs::write(place.join("mine.csv"), "precious").unwrap();
+    let done = tool(&["measure", "--machine", "paper", "-o", text(&place)]);
+    assert_eq!(done.status.code(), Some(2));
+    assert!(String::from_utf8(done.stderr).unwrap().contains("mine.csv"));
+    assert_eq!(std::fs::read_dir(&place).unwrap().count(), 1);
+}
+
+#[test]
+fn a_refusal_names_file_and_line_ends_with_status_2_and_writes_nothing() {
+    let place = place("refused");
+    let (data, found, pictures) = (place.join("data"), place.join("found.toml"), place.join("pictures"));
+    assert!(tool(&["measure", "--machine", "paper", "-o", text(&data)]).status.success());
+    let fibre = data.join("fibre.csv");
+    let good = std::fs::read_to_string(&fibre).unwrap();
+    std::fs::write(&fibre, good.replace("approach: sequence", "approach: sideways")).unwrap();
+    let arguments = ["identify", "--measurements", text(&data), "-o", text(&found), "--plots", text(&pictures)];
+    let done = tool(&arguments);
+    assert_eq!(done.status.code(), Some(2), "{done:?}");
+    let message = String::from_utf8(done.stderr).unwrap();
+    assert!(message.contains("fibre.csv:4: approach = \"sideways\": must be one of up, down, sequence"), "{message}");
+    std::fs::write(&fibre, good).unwrap();
+    let hold = |what: &str| tool(&[&arguments[..], &["--hold", what]].concat());
+    for (what, reason) in [
+        ("static_rad.S_XX", "is none of what is fitted: static_rad.S_ZX"),
+        ("static_rad.S_XY=1e-4,static_rad.S_XY=2e-4", "contradictory: static_rad.S_XY is held at 0.0001 and at 0.0002"),
+        ("static_rad.S_XY=0.5", "at most 0.02 rad"),
+        ("static_rad.S_XY=much", "is no number"),
+    ] {
+        let done = hold(what);
+        assert_eq!(done.status.code(), Some(2), "{done:?}");
+        let message = String::from_utf8(done.stderr).unwrap();
+        assert!(message.contains(reason), "{message}");
+    }
+    assert!(!found.exists() && !pictures.exists());
+    assert!(hold("static_rad.S_XY=0.00005").status.success());
+    let lost = tool(&["identify", "--measurements", "no-such-directory", "-o", text(&found), "--nominal", "paper"]);
+    assert_eq!(lost.status.code(), Some(1));
+}
+
+/// What is said about the measurements of the paper's stage with one file changed.
+fn complaint(file: &str, edit: impl Fn(&str) -> String) -> String {
+    let truth = Machine::paper();
+    let known = nominal(&truth);
+    let mut series = Vec::new();
+    let mut changed = false;
+    for measured in measure(&truth, &Settings::default()) {
+        let text = if measured.file == file { edit(&measured.text) } else { measured.text.clone() };
+        changed |= text != measured.text;
+        match parse(&measured.file, &text, &known.order) {
+            Ok(read) => series.push(read),
+            Err(error) => return error.to_string(),
+        }
+    }
+    assert!(changed, "{file} is as before");
+    match identify(&series, &known, &Options::default(), &mut |_| {}) {
+        Ok(result) => format!("accepted: {:?}", result.warnings),
+        Err(refusal) => refusal.to_string(),
+    }
+}
+
+#[track_caller]
+fn says(message: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(message.contains(part), "{part:?} in {message}");
+    }
+    println!("{message}");
+}
+
+/// Multiplies a column of every row.
+fn scaled(text: &str, column: usize, factor: f64) -> String {
+    let mut header = false;
+    let row = |line: &str| {
+        if line.starts_with('#') || !std::mem::replace(&mut header, true) {
+            return line.to_string();
+        }
+        let mut fields: Vec<String> = line.split(',').map(str::to_string).collect();
+        fields[column] = format!("{}", fields[column].parse::<f64>().unwrap() * factor);
+        fields.join(",")
+    };
+    text.lines().map(row).collect::<Vec<_>>().join("\n")
+}
+
+/// Exchanges the text of one line (from 1).
+fn line(text: &str, number: usize, edit: impl Fn(&str) -> String) -> String {
+    let lines = text.lines().enumerate();
+    lines.map(|(i, l)| if i + 1 == number { edit(l) } else { l.into() }).collect::<Vec<String>>().join("\n")
+}
+
+#[test]
+fn wrong_names_and_columns_are_refused_by_file_and_line() {
+    let said = complaint("positioning-X.csv", |t| t.replace("axis: X", "axis: W"));
+    says(&said, &["positioning-X.csv:4:", "\"W\" is no axis", "alpha"]);
+    let said = complaint("positioning-X.csv", |t| t.replace(",direction,", ",way,"));
+    says(&said, &["positioning-X.csv:7:", "unknown column \"way\"", "direction"]);
+    let said = complaint("fibre.csv", |t| t.replace("x_um,y_um,z_um", "x_um,note,z_um"));
+    says(&said, &["fibre.csv:7:", "\"note\"", "y_um"]);
+    let said = complaint("squareness.csv", |t| t.replace("XY,", "XW,"));
+    says(&said, &["squareness.csv:7:", "\"W\" is no axis"]);
+    let said = complaint("squareness.csv", |t| t.replace("pair,measured_urad", "pair"));
+    says(&said, &["squareness.csv:6:", "missing column measured_urad"]);
+    let said = complaint("fibre.csv", |t| t.replace("x_um,y_um", "x_urad,y_um"));
+    says(&said, &["column x_urad: must end in one of _nm, _um, _mm"]);
+    let said = complaint("fibre.csv", |t| t.replace("x_um,y_um", "x,y_um"));
+    says(&said, &["column x: has no unit"]);
+    let said = complaint("fibre.csv", |t| t.replace("kind: fibre", "kind: laser"));
+    says(&said, &["fibre.csv:1:", "\"laser\"", "positioning"]);
+    let said = complaint("fibre.csv", |t| t.replace("# noise_um", "# nose_um"));
+    says(&said, &["fibre.csv:6:", "unknown key \"nose_um\""]);
+    let said = complaint("fibre.csv", |t| t.replace("# noise_um: 0.05", "# noise_um: 0.05\n# noise_nm: 70"));
+    says(&said, &["fibre.csv:6: noise_um: the noise is already stated in line 7"]);
+    let said = complaint("fibre.csv", |t| t.replace("# kind: fibre", "# kind: fibre\n# kind: orientation"));
+    says(&said, &["fibre.csv:2:", "contradicts \"fibre\" in line 1"]);
+}
+
+#[test]
+fn numbers_that_are_none_are_refused_by_file_line_and_column() {
+    let last =
+        |value: &'static str| move |l: &str| l.rsplit_once(',').map(|(head, _)| format!("{head},{value}")).unwrap();
+    let said = complaint("squareness.csv", |t| line(t, 9, last("NaN")));
+    says(&said, &["squareness.csv:9: measured_urad = NaN"]);
+    let said = complaint("fibre.csv", |t| line(t, 100, last("inf")));
+    says(&said, &["fibre.csv:100: time_s = inf"]);
+    let said = complaint("fibre.csv", |t| line(t, 100, last("ten")));
+    says(&said, &["fibre.csv:100: time_s = \"ten\""]);
+    let said = complaint("fibre.csv", |t| line(t, 100, last("-5")));
+    says(&said, &["fibre.csv:100: time_s goes back"]);
+    let said = complaint("fibre.csv", |t| line(t, 100, |l| format!("{l},7")));
+    says(&said, &["fibre.csv:100: 11 fields, the header in line 7 has 10"]);
+}
+
+#[test]
+fn units_mixed_up_are_told_by_their_scale() {
+    let said = complaint("positioning-X.csv", |t| t.replace("measured_um", "measured_nm"));
+    says(&said, &["positioning-X.csv:8: unit:", "measured_nm", "1000", "look like um written as nm"]);
+    let said = complaint("positioning-X.csv", |t| scaled(t, 3, 1e-3));
+    says(&said, &["positioning-X.csv:8: unit:", "look like mm written as um"]);
+    let said = complaint("positioning-alpha.csv", |t| t.replace("measured_urad", "measured_arcsec"));
+    says(&said, &["positioning-alpha.csv:8: unit:", "look like urad written as arcsec"]);
+    let said = complaint("positioning-X.csv", |t| t.replace("target_um", "target_mm"));
+    says(&said, &["positioning-X.csv:8: unit: X at", "beyond its travel"]);
+    let said = complaint("positioning-X.csv", |t| scaled(&scaled(t, 3, 1e-3), 0, 1e-3));
+    says(&said, &["positioning-X.csv:8: unit: X covers", "of its travel"]);
+    let said = complaint("fibre.csv", |t| scaled(t, 7, 1e-3));
+    says(&said, &["fibre.csv:8: unit: the values of y_um", "look like mm written as um"]);
+    let said = complaint("fibre.csv", |t| scaled(t, 3, 1e6));
+    says(&said, &["fibre.csv:8: unit: alpha at", "beyond its travel"]);
+    let said = complaint("fibre.csv", |t| scaled(t, 8, -1.0));
+    says(&said, &["fibre.csv:8: z_um goes against the machine's motion"]);
+    let said = complaint("orientation.csv", |t| scaled(t, 8, 1e-3));
+    says(&said, &["orientation.csv:8: unit: the values of rz_urad", "look like mrad written as urad"]);
+    let said = complaint("diagonal.csv", |t| scaled(t, 4, 1e-3));
+    says(&said, &["diagonal.csv:8: unit: the values of distance_um", "look like mm written as um"]);
+    let said = complaint("squareness.csv", |t| t.replace("measured_urad", "measured_mrad"));
+    says(&said, &["squareness.csv:7:", "from square", "unit of measured_mrad"]);
+    let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_um: 50"));
+    says(&said, &["accepted", "fibre.csv: the residuals are", "times smaller than the noise stated"]);
+    let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_nm: 0.05"));
+    says(&said, &["fibre.csv:8: ", "readings do not fit", "or a noise stated too small"]);
+    // a lead that is not quite right is no unit
+    let said = complaint("positioning-X.csv", |t| scaled(t, 3, 1.003));
+    says(&said, &["accepted", "X moves +30", "ppm more than commanded"]);
+}
+
+#[test]
+fn runs_that_turn_back_and_too_few_points_are_refused() {
+    let said = complaint("positioning-X.csv", |t| {
+        let lines: Vec<&str> = t.lines().collect();
+        let (a, b) = (lines[9], lines[10]);
+        t.replace(a, "swapped").replace(b, a).replace("swapped", b)
+    });
+    says(&said, &["positioning-X.csv:11: time_s goes back"]);
+    let untimed = |t: &str| {
+        t.lines()
+            .map(|l| if l.starts_with('#') { l } else { l.rsplit_once(',').unwrap().0 })
+            .collect::<Vec<_>>()
+            .join("\n")
+    };
+    let said = complaint("positioning-X.csv", |t| {
+        let text = untimed(t);
+        let lines: Vec<&str> = text.lines().collect();
+        text.replace(lines[9], "swapped").replace(lines[10], lines[9]).replace("swapped", lines[10])
+    });
+    says(&said, &["positioning-X.csv:11: run 1 goes up but the target goes from", "monotonic"]);
+    let said = complaint("positioning-X.csv", |t| t.lines().take(12).collect::<Vec<_>>().join("\n"));
+    says(&said, &["positioning-X.csv:8: unit: X covers"].map(|_| "positioning-X.csv:8:"));
+    let up = |t: &str| t.lines().filter(|l| !l.contains(",down,")).collect::<Vec<_>>().join("\n");
+    let said = complaint("positioning-X.csv", up);
+    says(&said, &["positioning-X.csv:8: too few points: 0 targets are reached both upwards and downwards"]);
+    let said = complaint("fibre.csv", |t| t.lines().take(7).collect::<Vec<_>>().join("\n"));
+    says(&said, &["fibre.csv:7: too few points: no row"]);
+    let said = complaint("fibre.csv", |t| t.lines().take(3).collect::<Vec<_>>().join("\n"));
+    says(&said, &["fibre.csv:1: no header"]);
+    let said = complaint("diagonal.csv", |t| t.replace("\n1,", "\n7,").replacen("\n7,", "\n1,", 1));
+    says(&said, &["diagonal.csv:8: too few points: line 1 has 1"]);
+}
+
+#[test]
+fn another_machine_s_measurements_and_signs_are_noticed() {
+    let said = complaint("fibre.csv", |t| t.replace("order: Z X Y", "order: X Z Y"));
+    says(&said, &["fibre.csv:3: contradictory gauge: order X Z Y"]);
+    // the wrong axis in the header: the others tell
+    let said = complaint("straightness-X-y.csv", |t| t.replace("direction: y", "direction: x"));
+    says(&said, &["straightness-X-y.csv:5:", "across the axis"]);
+    let said = complaint("positioning-X.csv", |t| {
+        t.replace(",up,", ",way,").replace(",down,", ",up,").replace(",way,", ",down,")
+    });
+    says(&said, &["positioning-X.csv:9: run 1 goes down but"]);
+    let said = complaint("squareness.csv", |t| scaled(t, 1, -100.0));
+    says(&said, &["squareness.csv:7: ", "readings do not fit the other files"]);
+}
