@@ -1,0 +1,70 @@
+//! Numbers on the page: three significant digits, and where each stands in the JSON.
+
+use maud::{Markup, html};
+
+/// Digits that a number on the page has.
+const DIGITS: i32 = 3;
+
+/// A number with three significant digits, whole from 100 on, never in powers of ten down to a millionth.
+pub fn short(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    let magnitude = value.abs().log10().floor() as i32;
+    if magnitude < -6 {
+        return format!("{value:.2e}").replace('-', "\u{2212}");
+    }
+    let decimals = (DIGITS - 1 - magnitude).max(0) as usize;
+    format!("{value:.decimals$}").replace('-', "\u{2212}")
+}
+
+/// A number of the page that the JSON holds at `pointer`.
+pub fn figure(pointer: impl AsRef<str>, value: f64) -> Markup {
+    html! { span data-figure=(pointer.as_ref()) { (short(value)) } }
+}
+
+/// Maximum, root mean square and percentiles of magnitudes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Spread {
+    /// Largest.
+    pub max: f64,
+    /// Root mean square.
+    pub rms: f64,
+    /// Median.
+    pub p50: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// 99th percentile.
+    pub p99: f64,
+}
+
+impl Spread {
+    /// Of magnitudes; percentiles by the nearest rank. All zero when there are none.
+    pub fn of(values: &[f64]) -> Self {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let Some(max) = sorted.last().copied() else { return Spread::default() };
+        let rank = |share: f64| sorted[((share * sorted.len() as f64).ceil() as usize).max(1) - 1];
+        let rms = (sorted.iter().map(|v| v * v).sum::<f64>() / sorted.len() as f64).sqrt();
+        Spread { max, rms, p50: rank(0.5), p95: rank(0.95), p99: rank(0.99) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Spread, short};
+
+    #[test]
+    fn numbers_have_three_digits() {
+        let written = [0.0, 0.06, 0.018375, 12.345, 862.4, 12345.6, -0.30004, 3e-9].map(short);
+        assert_eq!(written, ["0", "0.0600", "0.0184", "12.3", "862", "12346", "\u{2212}0.300", "3.00e\u{2212}9"]);
+    }
+
+    #[test]
+    fn percentiles_are_values_that_occur() {
+        let values: Vec<f64> = (1..=100).map(f64::from).collect();
+        let spread = Spread::of(&values);
+        assert_eq!((spread.p50, spread.p95, spread.p99, spread.max), (50.0, 95.0, 99.0, 100.0));
+        assert!((spread.rms - 58.168_003).abs() < 1e-5);
+    }
+}
