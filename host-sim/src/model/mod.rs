@@ -1,7 +1,31 @@
-//! The stage's exact geometry in f64: the reference for every fixed-point result.
+//! The stage's geometry in f64: the exact static chain, the reference for every fixed-point result, and the model of
+//! all its errors.
 
 mod chain;
+mod errors;
+mod field;
+mod paper;
+mod propagation;
 mod rotation;
+mod sensitivity;
+mod structure;
+mod tables;
+mod topology;
 
 pub use chain::{Chain, Screw};
+pub use errors::{ErrorModel, Form, Frame, Positions, SixErrors};
+pub use field::{
+    Compensation, Ensemble, EnsembleStatistics, Field, Grid, Motion, Size, Spread, Statistics, compensated_field,
+    ensemble, error_field, percentile, statistics,
+};
+pub use paper::{Claim, Verdict, paper_claims};
+pub use propagation::{Deviation, FirstOrderGap};
 pub use rotation::{Euler, exp, vee};
+pub use sensitivity::{
+    Background, KinematicRow, Magnitudes, Options, Rank, Sensitivity, StaticRow, UnitMotion, sensitivity,
+};
+pub use structure::{Structure, structure};
+pub use tables::{
+    CharacteristicRow, ErrorRow, StaticErrorRow, characteristic_matrices, kinematic_errors, static_errors,
+};
+pub use topology::{BASE, CHIP, Joint, PairFreedom, Topology, TopologyError, Turned, coordinate};

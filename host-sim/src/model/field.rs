@@ -1,0 +1,444 @@
+//! The accuracy field: E of the fibre point over a grid of linear or angular motion, its statistics, ensembles of
+//! stages that nobody has measured, and what the controller's law leaves of it.
+
+use super::chain::Chain;
+use super::errors::{ErrorModel, Form, Frame, Positions};
+use super::propagation::Deviation;
+use super::sensitivity::Magnitudes;
+use crate::calibrate::{Law, calibrate};
+use crate::machine::{Component, ErrorName, Function, Machine, StaticErrors};
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::Serialize;
+use stage_controller::units::{AXES, Axis};
+use std::f64::consts::TAU;
+
+/// Which stages move; the others stay at home.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Motion {
+    /// X, Y, Z.
+    Linear,
+    /// alpha, beta, gamma.
+    Angular,
+}
+
+impl Motion {
+    /// The three stages.
+    pub const fn axes(self) -> [Axis; 3] {
+        match self {
+            Motion::Linear => Axis::LINEAR,
+            Motion::Angular => Axis::ROTARY,
+        }
+    }
+}
+
+/// A box of poses: coordinates of the three stages that move, in um or rad, rising.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid {
+    /// Which stages.
+    pub motion: Motion,
+    /// Coordinates along each.
+    pub coordinates: [Vec<f64>; 3],
+}
+
+impl Grid {
+    /// `points` (at least 2) along each stage from -`half` to +`half` (um or rad).
+    pub fn symmetric(motion: Motion, half: f64, points: usize) -> Self {
+        Self::between(motion, [[-half, half]; 3], points)
+    }
+
+    /// `points` (at least 2) along each stage over the machine's travel.
+    pub fn travel(machine: &Machine, motion: Motion, points: usize) -> Self {
+        let unit = match motion {
+            Motion::Linear => 1e-3,
+            Motion::Angular => 1e-9,
+        };
+        Self::between(
+            motion,
+            motion.axes().map(|axis| machine.drives[axis.index()].travel.map(|end| end * unit)),
+            points,
+        )
+    }
+
+    /// `points` (at least 2) along each stage between the ends given (um or rad).
+    pub fn between(motion: Motion, ends: [[f64; 2]; 3], points: usize) -> Self {
+        assert!(points >= 2, "a grid has two ends");
+        let last = (points - 1) as f64;
+        let along = |[from, to]: [f64; 2]| (0..points).map(|i| from + (to - from) * (i as f64 / last)).collect();
+        Grid { motion, coordinates: ends.map(along) }
+    }
+
+    /// Number of poses.
+    pub fn len(&self) -> usize {
+        self.coordinates.iter().map(Vec::len).product()
+    }
+
+    /// True when there is no pose.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Place along each stage of the pose with a number: the last stage counts fastest.
+    pub fn places(&self, number: usize) -> [usize; 3] {
+        let [_, m, n] = self.coordinates.each_ref().map(Vec::len);
+        [number / (m * n), number / n % m, number % n]
+    }
+
+    /// The pose with a number, um and rad.
+    pub fn pose(&self, number: usize) -> Positions {
+        let mut pose = [0.0; AXES];
+        for ((axis, line), place) in self.motion.axes().iter().zip(&self.coordinates).zip(self.places(number)) {
+            pose[axis.index()] = line[place];
+        }
+        pose
+    }
+}
+
+/// Errors of the fibre point over a grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
+    /// Where.
+    pub grid: Grid,
+    /// E and the orientation error of each pose, in the order of the grid.
+    pub deviations: Vec<Deviation>,
+}
+
+impl Field {
+    /// The same field without its value at home: what alignment at home leaves.
+    pub fn from_home(mut self, home: &Deviation) -> Self {
+        for deviation in &mut self.deviations {
+            *deviation = deviation.less(home);
+        }
+        self
+    }
+
+    /// E (um) at the places along the three stages.
+    pub fn at(&self, [i, j, k]: [usize; 3]) -> [f64; 3] {
+        let [_, m, n] = self.grid.coordinates.each_ref().map(Vec::len);
+        self.deviations[(i * m + j) * n + k].position_um
+    }
+}
+
+/// The field of a stage as it is: E of formula (6), exact, at the machine's own point F.
+pub fn error_field(model: &ErrorModel, grid: &Grid) -> Field {
+    let chain = Tabulated::new(model, grid);
+    let deviations = (0..grid.len())
+        .into_par_iter()
+        .map(|number| Deviation::between(&chain.ideal(number), &chain.actual(number), model.fibre_point_um))
+        .collect();
+    Field { grid: grid.clone(), deviations }
+}
+
+/// The transforms of all stages at all coordinates of a grid, so that a pose costs only their product.
+struct Tabulated<'a> {
+    grid: &'a Grid,
+    base: Frame,
+    actual: Vec<Vec<Frame>>,
+    ideal: Vec<Vec<Frame>>,
+    mount: Frame,
+    /// For each stage from the base the moving one that it is, if any.
+    moving: [Option<usize>; AXES],
+}
+
+impl<'a> Tabulated<'a> {
+    fn new(model: &ErrorModel, grid: &'a Grid) -> Self {
+        let axes = grid.motion.axes();
+        let moving = model.order.map(|axis| axes.iter().position(|&a| a == axis));
+        let home = [0.0];
+        let line = |k: usize| moving[k].map_or(&home[..], |i| &grid.coordinates[i]);
+        let table = |joint: &dyn Fn(usize, f64) -> Frame| {
+            (0..AXES).map(|k| line(k).iter().map(|&q| joint(k, q)).collect()).collect()
+        };
+        Tabulated {
+            grid,
+            base: model.chip_mount.frame(Form::Exact).inverse(),
+            actual: table(&|k, q| model.joint(k, q, Form::Exact)),
+            ideal: table(&|k, q| model.ideal_joint(k, q)),
+            mount: model.fibre_mount.frame(Form::Exact),
+            moving,
+        }
+    }
+
+    fn product(&self, first: Frame, joints: &[Vec<Frame>], number: usize) -> Frame {
+        let places = self.grid.places(number);
+        (0..AXES).fold(first, |frame, k| frame * joints[k][self.moving[k].map_or(0, |i| places[i])])
+    }
+
+    fn actual(&self, number: usize) -> Frame {
+        self.product(self.base, &self.actual, number) * self.mount
+    }
+
+    fn ideal(&self, number: usize) -> Frame {
+        self.product(Frame::identity(), &self.ideal, number)
+    }
+}
+
+/// By what law the motors are driven.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Compensation {
+    /// The controller's: the coefficients of its calibration block, motors at whole steps.
+    Controller,
+    /// The exact inverse of the static errors, motors anywhere.
+    Exact,
+}
+
+/// What a law leaves of the field, counted from home: the fibre point is sent to where the ideal stage would carry it,
+/// by a law that knows the static errors, offsets and mounts of `machine` but not its kinematic errors.
+///
+/// `model` is the stage as it really is. Play is taken up, as the controller's overlay does.
+///
+/// # Errors
+/// With the reason when the law does not serve such a stage or pose.
+pub fn compensated_field(
+    machine: &Machine,
+    model: &ErrorModel,
+    grid: &Grid,
+    compensation: Compensation,
+) -> Result<Field, String> {
+    let chain = Chain::new(machine);
+    let steps = machine.drives.map(|drive| drive.step);
+    let law = match compensation {
+        Compensation::Exact => None,
+        Compensation::Controller => {
+            let (block, _) = calibrate(machine).map_err(|refusal| refusal.to_string())?;
+            Some(Law::of_block(&block, steps))
+        }
+    };
+    let motors = |pose: [f64; AXES]| match &law {
+        None => chain.exact_inverse(pose).ok_or("the exact law has no solution over this travel"),
+        Some(law) => {
+            let exact = law.actuators(pose);
+            Ok(std::array::from_fn(|i| (exact[i] / steps[i]).round() * steps[i]))
+        }
+    };
+    let point = Vector3::from(model.fibre_point_um);
+    let home = model.ideal([0.0; AXES]).point(point);
+    let start = model.error_at([0.0; AXES]);
+    let residual = |number: usize| {
+        let pose = grid.pose(number);
+        let ideal = model.ideal(pose);
+        let target = (ideal.point(point) - home) * 1e3;
+        let [.., a, b, g] = pose;
+        let q = motors([target.x, target.y, target.z, a * 1e9, b * 1e9, g * 1e9])?;
+        let at = [q[0] * 1e-3, q[1] * 1e-3, q[2] * 1e-3, q[3] * 1e-9, q[4] * 1e-9, q[5] * 1e-9];
+        Ok(Deviation::between(&ideal, &model.actual(at, Form::Exact), model.fibre_point_um).less(&start))
+    };
+    let deviations = (0..grid.len()).into_par_iter().map(residual).collect::<Result<_, &str>>()?;
+    Ok(Field { grid: grid.clone(), deviations })
+}
+
+/// How large something is over a field.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Size {
+    /// Largest magnitude.
+    pub max: f64,
+    /// Root of the mean square.
+    pub rms: f64,
+    /// Half of the poses lie below.
+    pub p50: f64,
+    /// 95 % of the poses lie below.
+    pub p95: f64,
+    /// 99 % of the poses lie below.
+    pub p99: f64,
+    /// Number of the pose with the largest magnitude.
+    #[serde(skip)]
+    pub worst: usize,
+    /// The pose with the largest magnitude: um and degrees.
+    pub worst_pose_um_deg: [f64; AXES],
+}
+
+/// Statistics of a field: magnitudes of the components and of the whole error.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Statistics {
+    /// |Ex|, um.
+    pub x_um: Size,
+    /// |Ey|, um.
+    pub y_um: Size,
+    /// |Ez|, um.
+    pub z_um: Size,
+    /// Length of E, um.
+    pub norm_um: Size,
+    /// Orientation error, urad.
+    pub rotation_urad: Size,
+}
+
+impl Statistics {
+    /// Largest |Ex|, |Ey|, |Ez|, um.
+    pub fn max_um(&self) -> [f64; 3] {
+        [self.x_um.max, self.y_um.max, self.z_um.max]
+    }
+}
+
+/// Statistics over all poses of a field.
+pub fn statistics(field: &Field) -> Statistics {
+    let size = |of: &dyn Fn(&Deviation) -> f64| {
+        let values: Vec<f64> = field.deviations.iter().map(of).collect();
+        let worst = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0);
+        let pose = field.grid.pose(worst);
+        let mut sorted = values;
+        let rms = (sorted.iter().map(|v| v * v).sum::<f64>() / sorted.len() as f64).sqrt();
+        sorted.sort_by(f64::total_cmp);
+        Size {
+            max: percentile(&sorted, 1.0),
+            rms,
+            p50: percentile(&sorted, 0.50),
+            p95: percentile(&sorted, 0.95),
+            p99: percentile(&sorted, 0.99),
+            worst,
+            worst_pose_um_deg: std::array::from_fn(|i| if i < 3 { pose[i] } else { pose[i].to_degrees() }),
+        }
+    };
+    let norm = |v: [f64; 3]| Vector3::from(v).norm();
+    Statistics {
+        x_um: size(&|d| d.position_um[0].abs()),
+        y_um: size(&|d| d.position_um[1].abs()),
+        z_um: size(&|d| d.position_um[2].abs()),
+        norm_um: size(&|d| norm(d.position_um)),
+        rotation_urad: size(&|d| norm(d.rotation_rad) * 1e6),
+    }
+}
+
+/// The value below which a part of the sorted values lies, straight between neighbours; 0 without any.
+pub fn percentile(sorted: &[f64], part: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else {
+        return 0.0;
+    };
+    let place = part * last as f64;
+    let below = (place.floor() as usize).min(last);
+    let above = (below + 1).min(last);
+    sorted[below] + (sorted[above] - sorted[below]) * (place - below as f64)
+}
+
+/// Stages of which only the size of the errors is known. The nine static errors and the eighteen kinematic ones of the
+/// stages that move take part; those of a stage that stays at home are part of the alignment there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ensemble {
+    /// One stage: every error as large as its magnitude and positive, at every pose.
+    SameSign,
+    /// Every error as large as its magnitude, at every pose, with a sign by chance.
+    RandomSigns,
+    /// Static errors anywhere between plus and minus their magnitude; each kinematic error zero at home and one
+    /// harmonic of the position, a (sin(2 pi q / p + f) - sin f) / 2, with a between plus and minus its magnitude, a
+    /// period p of 1 to 4 times the reach of the grid, and any phase f.
+    MonteCarlo,
+}
+
+/// How a figure is spread over the stages of an ensemble.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Spread {
+    /// Half of the stages lie below.
+    pub median: f64,
+    /// 95 % of the stages lie below.
+    pub p95: f64,
+    /// The worst stage.
+    pub max: f64,
+}
+
+/// Result of an ensemble.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct EnsembleStatistics {
+    /// Which.
+    pub ensemble: Ensemble,
+    /// Number of stages.
+    pub stages: usize,
+    /// Seed of chance; the same seed gives the same stages.
+    pub seed: u64,
+    /// Largest |Ex|, |Ey|, |Ez| over the field of a stage, um.
+    pub max_um: [Spread; 3],
+    /// Largest length of E over the field of a stage, um.
+    pub norm_max_um: Spread,
+    /// Root mean square of the length of E over the field of a stage, um.
+    pub norm_rms_um: Spread,
+}
+
+impl Ensemble {
+    /// One stage of the ensemble, with geometry and F of the machine. `number` from 0; the same seed and number give
+    /// the same stage.
+    pub fn stage(
+        self,
+        machine: &Machine,
+        magnitudes: &Magnitudes,
+        grid: &Grid,
+        seed: u64,
+        number: usize,
+    ) -> ErrorModel {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(number as u64);
+        let mut sized = |magnitude: f64| match self {
+            Ensemble::SameSign => magnitude,
+            Ensemble::RandomSigns => magnitude * if random.random::<bool>() { 1.0 } else { -1.0 },
+            Ensemble::MonteCarlo => magnitude * random.random_range(-1.0..1.0),
+        };
+        let mut model = ErrorModel::nominal(machine);
+        model.statics = StaticErrors::from_values(std::array::from_fn(|_| sized(magnitudes.squareness_rad)));
+        let mut sizes = [[0.0; 6]; 3];
+        for six in &mut sizes {
+            *six = Component::ALL.map(|component| sized(magnitudes.of(component)));
+        }
+        for (i, axis) in grid.motion.axes().into_iter().enumerate() {
+            let reach = grid.coordinates[i].iter().fold(0.0_f64, |reach, q| reach.max(q.abs()));
+            let reach = if axis.is_rotary() { reach.to_degrees() } else { reach };
+            for component in Component::ALL {
+                let size = sizes[i][component as usize];
+                let function = match self {
+                    Ensemble::MonteCarlo => {
+                        let (sin, cos) = random.random_range(0.0..TAU).sin_cos();
+                        let period = reach * random.random_range(1.0..4.0);
+                        let rows = vec![[period, 0.5 * size * sin, 0.5 * size * cos]];
+                        Function::new(vec![-0.5 * size * sin], vec![], rows).expect("a grid has a reach")
+                    }
+                    _ => Function::constant(size),
+                };
+                model.kinematic.set(ErrorName { axis, component }, function);
+            }
+        }
+        model
+    }
+}
+
+/// Fields of an ensemble of stages with geometry and F of the machine. `progress` is called after each stage, by
+/// several threads.
+pub fn ensemble(
+    machine: &Machine,
+    kind: Ensemble,
+    magnitudes: &Magnitudes,
+    grid: &Grid,
+    stages: usize,
+    seed: u64,
+    progress: &(dyn Fn() + Sync),
+) -> EnsembleStatistics {
+    let stages = if kind == Ensemble::SameSign { 1 } else { stages };
+    let one = |number: usize| {
+        let model = kind.stage(machine, magnitudes, grid, seed, number);
+        let chain = Tabulated::new(&model, grid);
+        let point = Vector3::from(model.fibre_point_um);
+        let (mut max, mut norm_max, mut squares) = ([0.0_f64; 3], 0.0_f64, 0.0);
+        for pose in 0..grid.len() {
+            let e = chain.actual(pose).point(point) - chain.ideal(pose).point(point);
+            max = std::array::from_fn(|c| max[c].max(e[c].abs()));
+            norm_max = norm_max.max(e.norm());
+            squares += e.norm_squared();
+        }
+        progress();
+        [max[0], max[1], max[2], norm_max, (squares / grid.len() as f64).sqrt()]
+    };
+    let results: Vec<[f64; 5]> = (0..stages).into_par_iter().map(one).collect();
+    let spread = |column: usize| {
+        let mut values: Vec<f64> = results.iter().map(|row| row[column]).collect();
+        values.sort_by(f64::total_cmp);
+        Spread { median: percentile(&values, 0.5), p95: percentile(&values, 0.95), max: percentile(&values, 1.0) }
+    };
+    EnsembleStatistics {
+        ensemble: kind,
+        stages,
+        seed,
+        max_um: [spread(0), spread(1), spread(2)],
+        norm_max_um: spread(3),
+        norm_rms_um: spread(4),
+    }
+}
