@@ -10,6 +10,7 @@ pub mod flash;
 pub mod machine;
 pub mod manual;
 pub mod model;
+pub mod report;
 pub mod server;
 pub mod session;
 pub mod twin;

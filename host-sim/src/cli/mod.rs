@@ -6,6 +6,7 @@ mod common;
 mod load;
 mod manual;
 mod move_pose;
+mod report;
 mod serve;
 mod trace;
 
@@ -30,6 +31,7 @@ enum Command {
     Manual(manual::Args),
     Load(load::Args),
     Move(move_pose::Args),
+    Report(report::Args),
     Trace(trace::Args),
     Bench(bench::Args),
 }
@@ -70,6 +72,7 @@ pub fn main() -> ExitCode {
         Command::Manual(args) => args.run(),
         Command::Load(args) => args.run(),
         Command::Move(args) => args.run(),
+        Command::Report(args) => args.run(),
         Command::Trace(args) => args.run(),
         Command::Bench(args) => args.run(),
     };

@@ -115,7 +115,8 @@ fn stages(machine: &Machine, chain: &Chain, exact: &Law, calibration: &Calibrati
     let steps = machine.drives.map(|drive| drive.step);
     let held = Law::of_block(calibration, steps);
     let fixed = FixedLaw::new(calibration, Switches::default(), calibration.fibre_point);
-    let names = ["second-order term", "coefficients of 32 bits", "fixed-point arithmetic", "whole steps", "all together"];
+    let names =
+        ["second-order term", "coefficients of 32 bits", "fixed-point arithmetic", "whole steps", "all together"];
     let mut position: [Vec<f64>; 5] = Default::default();
     let mut turned: [Vec<f64>; 5] = Default::default();
     for pose in grid(machine) {
@@ -124,8 +125,13 @@ fn stages(machine: &Machine, chain: &Chain, exact: &Law, calibration: &Calibrati
         let whole = targets.floor().0;
         let rounded = std::array::from_fn(|i| f64::from(whole[i]) * steps[i]);
         let chain_of = |actuators| chain.true_pose(actuators);
-        let truths =
-            [pose, chain_of(exact.actuators(pose)), chain_of(held.actuators(pose)), chain_of(unrounded), chain_of(rounded)];
+        let truths = [
+            pose,
+            chain_of(exact.actuators(pose)),
+            chain_of(held.actuators(pose)),
+            chain_of(unrounded),
+            chain_of(rounded),
+        ];
         let mut note = |n: usize, from: [f64; AXES], to: [f64; AXES]| {
             position[n].push((0..3).map(|i| (to[i] - from[i]).powi(2)).sum::<f64>().sqrt());
             let rotation = |u: [f64; AXES]| chain.euler().compose([u[3] * 1e-9, u[4] * 1e-9, u[5] * 1e-9]);

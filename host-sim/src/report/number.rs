@@ -10,9 +10,11 @@ pub fn short(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
-    let magnitude = value.abs().log10().floor() as i32;
+    // rounded first: 9.996 is 10.0
+    let rounded = format!("{value:.*e}", DIGITS as usize - 1);
+    let magnitude: i32 = rounded.split_once('e').and_then(|(_, power)| power.parse().ok()).unwrap_or(0);
     if magnitude < -6 {
-        return format!("{value:.2e}").replace('-', "\u{2212}");
+        return rounded.replace('-', "\u{2212}");
     }
     let decimals = (DIGITS - 1 - magnitude).max(0) as usize;
     format!("{value:.decimals$}").replace('-', "\u{2212}")
@@ -56,8 +58,11 @@ mod tests {
 
     #[test]
     fn numbers_have_three_digits() {
-        let written = [0.0, 0.06, 0.018375, 12.345, 862.4, 12345.6, -0.30004, 3e-9].map(short);
-        assert_eq!(written, ["0", "0.0600", "0.0184", "12.3", "862", "12346", "\u{2212}0.300", "3.00e\u{2212}9"]);
+        let written = [0.0, 9.996, 0.06, 0.018375, 12.345, 862.4, 12345.6, -0.30004, 3e-9].map(short);
+        assert_eq!(
+            written,
+            ["0", "10.0", "0.0600", "0.0184", "12.3", "862", "12346", "\u{2212}0.300", "3.00e\u{2212}9"]
+        );
     }
 
     #[test]

@@ -8,8 +8,8 @@ pub struct Scale {
     logarithmic: bool,
 }
 
-/// Ticks that an axis is aimed at.
-const TICKS: f64 = 5.0;
+/// Way between two ticks that an axis is aimed at.
+const TICK_DISTANCE: f64 = 55.0;
 
 impl Scale {
     /// `domain` of values over `range` of the drawing, widened where it is empty.
@@ -22,7 +22,7 @@ impl Scale {
     /// The same, widened so that zero lies inside and both ends are ticks.
     pub fn with_zero(domain: [f64; 2], range: [f64; 2]) -> Self {
         let [low, high] = Scale::linear([domain[0].min(0.0), domain[1].max(0.0)], range).domain;
-        let step = round_step((high - low) / TICKS);
+        let step = round_step((high - low) / intervals(range));
         Scale::linear([(low / step).floor() * step, (high / step).ceil() * step], range)
     }
 
@@ -44,19 +44,26 @@ impl Scale {
     pub fn ticks(&self) -> Vec<(f64, String)> {
         let [low, high] = self.domain;
         if self.logarithmic {
-            let step = ((high - low) / 6.0).ceil().max(1.0) as usize;
+            let step = ((high - low) / intervals(self.range)).ceil().max(1.0) as usize;
             return (low as i32..=high as i32)
                 .step_by(step)
-                .map(|power| (10f64.powi(power), if power < 0 { decimals(power) } else { format!("{:.0}", 10f64.powi(power)) }))
+                .map(|power| {
+                    (10f64.powi(power), if power < 0 { decimals(power) } else { format!("{:.0}", 10f64.powi(power)) })
+                })
                 .collect();
         }
-        let step = round_step((high - low) / TICKS);
+        let step = round_step((high - low) / intervals(self.range));
         let digits = (-step.log10().floor()).max(0.0) as usize;
         let first = (low / step - 1e-9).ceil() as i64;
         let last = (high / step + 1e-9).floor() as i64;
         let written = |v: f64| format!("{:.*}", digits, v + 0.0).replace('-', "\u{2212}");
         (first..=last).map(|i| i as f64 * step).map(|v| (v, written(if v == 0.0 { 0.0 } else { v }))).collect()
     }
+}
+
+/// Ways between ticks for which there is room.
+fn intervals(range: [f64; 2]) -> f64 {
+    ((range[1] - range[0]).abs() / TICK_DISTANCE).clamp(2.0, 8.0)
 }
 
 fn decimals(power: i32) -> String {
@@ -66,7 +73,11 @@ fn decimals(power: i32) -> String {
 /// 1, 2 or 5 times a power of ten, not below `least`.
 fn round_step(least: f64) -> f64 {
     let power = 10f64.powf(least.log10().floor());
-    [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|step| *step >= least * (1.0 - 1e-9)).unwrap_or(10.0 * power)
+    [1.0, 2.0, 5.0, 10.0]
+        .map(|m| m * power)
+        .into_iter()
+        .find(|step| *step >= least * (1.0 - 1e-9))
+        .unwrap_or(10.0 * power)
 }
 
 #[cfg(test)]

@@ -51,27 +51,17 @@ pub struct Travel {
 }
 
 impl Travel {
-    /// Runs all tracks; `progress` hears of every run.
-    pub fn new(machine: &Machine, calibration: &Calibration, progress: &dyn Fn()) -> Self {
+    /// Runs all tracks.
+    pub fn new(machine: &Machine, calibration: &Calibration) -> Self {
         let tracks = tracks::all(machine, calibration)
             .into_iter()
             .map(|(track, poses)| {
-                let runs = Mode::ALL
-                    .map(|mode| {
-                        progress();
-                        run(machine, calibration, mode, &poses)
-                    })
-                    .into();
+                let runs = Mode::ALL.map(|mode| run(machine, calibration, mode, &poses)).into();
                 Result { track, runs }
             })
             .collect();
         Travel { tracks }
     }
-}
-
-/// How many runs [`Travel::new`] reports.
-pub fn runs() -> u64 {
-    (tracks::COUNT * Mode::ALL.len()) as u64
 }
 
 fn run(machine: &Machine, calibration: &Calibration, mode: Mode, poses: &[[f64; AXES]]) -> Run {

@@ -13,8 +13,6 @@ const STOPS: usize = 41;
 const POSES: usize = 250;
 /// Half the way of a small scan, nm.
 const SCAN: f64 = 2_000.0;
-/// Tracks that [`all`] makes.
-pub(super) const COUNT: usize = AXES + 4;
 const Q32: f64 = 4_294_967_296.0;
 
 /// What a track looks like.
@@ -88,10 +86,13 @@ impl<'a> Room<'a> {
     fn line(&self, name: &str, axes: &[Axis]) -> (Track, Vec<[f64; AXES]>) {
         let there = |i: usize| i as f64 / (STOPS - 1) as f64;
         let ways: Vec<f64> = (0..STOPS).map(there).chain((0..STOPS - 1).rev().map(there)).collect();
-        let poses = |share: f64| ways.iter().map(|way| self.at(share, |axis| axes.contains(&axis).then_some(*way))).collect();
+        let poses =
+            |share: f64| ways.iter().map(|way| self.at(share, |axis| axes.contains(&axis).then_some(*way))).collect();
         let (share_of_travel, poses) = self.shrink(poses);
         let (unit, along) = match axes {
-            [axis] if axis.is_rotary() => ("deg", poses.iter().map(|p| (p[axis.index()] * 1e-9).to_degrees()).collect()),
+            [axis] if axis.is_rotary() => {
+                ("deg", poses.iter().map(|p| (p[axis.index()] * 1e-9).to_degrees()).collect())
+            }
             [axis] => ("um", poses.iter().map(|p| p[axis.index()] * 1e-3).collect()),
             _ => ("%", ways.iter().map(|way| way * 100.0).collect()),
         };

@@ -44,7 +44,7 @@ fn body(travel: &Travel) -> Markup {
             (legend(&names))
             (ranges(travel))
             figcaption { "Position error of the fibre point along each move, um, on a logarithmic scale. Bar: from the \
-                median to the 95th percentile of all stops; tick: root mean square; dot: largest." }
+                median to the 95th percentile of all stops; tick: root mean square; dot: largest. Errors below 0.001 um are drawn at the left edge." }
         }
         figure {
             (legend(&names))
@@ -61,7 +61,7 @@ fn body(travel: &Travel) -> Markup {
             the stage where the play and the exact chain of the simulated stage put it. All stops are at rest, the stage \
             is homed on the positive flank before each move. Coupling: squarenesses and axis tilts (D\u{207b}\u{b9}, \
             W\u{207b}\u{b9} and the second-order term). Rotation centre: the fibre point stays where it is when an angle \
-            changes."
+            changes; without it the stage turns about its own axes and carries the fibre point along."
         }
     }
 }
@@ -144,7 +144,7 @@ fn domain(travel: &Travel) -> [f64; 2] {
 
 fn ranges(travel: &Travel) -> Markup {
     let group = Mode::ALL.len() as f64 * ROW + 12.0;
-    let frame = Frame { x: [190.0, WIDTH - 70.0], y: [travel.tracks.len() as f64 * group + 6.0, 0.0] };
+    let frame = Frame { x: [205.0, WIDTH - 70.0], y: [travel.tracks.len() as f64 * group + 6.0, 0.0] };
     let across = Scale::decades(domain(travel), frame.x);
     let content = html! {
         @for (value, name) in across.ticks() {
@@ -156,7 +156,7 @@ fn ranges(travel: &Travel) -> Markup {
         @for (t, result) in travel.tracks.iter().enumerate() {
             @let top = t as f64 * group + 6.0;
             @if t > 0 { (line("rule", [0.0, top - 6.0], [WIDTH, top - 6.0])) }
-            (text("label end", [178.0, top + group / 2.0 - 3.0], &result.track.name))
+            (text("label end", [193.0, top + group / 2.0 - 3.0], &result.track.name))
             @for (k, run) in result.runs.iter().enumerate() { (range(run, &across, top + (k as f64 + 0.5) * ROW)) }
         }
     };
