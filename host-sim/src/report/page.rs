@@ -70,13 +70,25 @@ pub fn caption(class: &str, words: impl maud::Render) -> Markup {
     html! { p class=(format!("caption {class}")) { (words) } }
 }
 
+/// How a legend shows its colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Swatch {
+    /// A piece of the curve.
+    Curve,
+    /// A piece of the bar.
+    Bar,
+}
+
 /// What the colours of a drawing mean: class and name.
-pub fn legend(names: &[(String, &str)]) -> Markup {
+pub fn legend(swatch: Swatch, names: &[(String, &str)]) -> Markup {
     html! {
         p.legend {
             @for (class, name) in names {
                 span class=(class) {
-                    svg viewBox="0 0 26 10" aria-hidden="true" { path class="curve" d="M0 5L26 5" {} }
+                    svg viewBox="0 0 26 10" aria-hidden="true" { @match swatch {
+                            Swatch::Curve => path class="curve" d="M0 5L26 5" {},
+                            Swatch::Bar => path class="bar" d="M0 1h26v8h-26z" {},
+                        } }
                     (name)
                 }
                 " "

@@ -1,7 +1,7 @@
 //! The section on sensitivity: which single error moves the fibre point how far (tables 5 and 6 of the paper).
 
 use super::number::{figure, short};
-use super::page::{Section, caption, folded, legend};
+use super::page::{Section, Swatch, caption, folded, legend};
 use super::plot::{Scale, drawing, line, px, rectangle, text};
 use crate::model::{Rank, Sensitivity};
 use maud::{Markup, html};
@@ -21,7 +21,7 @@ pub(super) fn section(s: &Sensitivity) -> Section {
             are. F = (" (short(fx)) ", " (short(fy)) ", " (short(fz)) ") um in the frame of the fibre array."
         }
         figure {
-            (legend(&[("c-coupling".into(), "one of the 36 errors of the stages"), ("c-pivot".into(), "static or mounting error")]))
+            (legend(Swatch::Bar, &[("c-coupling".into(), "one of the 36 errors of the stages"), ("c-pivot".into(), "static or mounting error")]))
             (bars(&s.ranking))
             figcaption {
                 "The " (SHOWN) " errors that move the fibre point most along each direction, um, strongest first; the sign is \

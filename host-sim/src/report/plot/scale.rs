@@ -9,7 +9,9 @@ pub struct Scale {
 }
 
 /// Way between two ticks that an axis is aimed at.
-const TICK_DISTANCE: f64 = 55.0;
+const TICK_DISTANCE: f64 = 50.0;
+/// The same between decades, whose names are short.
+const DECADE_DISTANCE: f64 = 22.0;
 
 impl Scale {
     /// `domain` of values over `range` of the drawing, widened where it is empty.
@@ -44,7 +46,8 @@ impl Scale {
     pub fn ticks(&self) -> Vec<(f64, String)> {
         let [low, high] = self.domain;
         if self.logarithmic {
-            let step = ((high - low) / intervals(self.range)).ceil().max(1.0) as usize;
+            let step =
+                ((high - low) * DECADE_DISTANCE / (self.range[1] - self.range[0]).abs()).ceil().max(1.0) as usize;
             return (low as i32..=high as i32)
                 .step_by(step)
                 .map(|power| {

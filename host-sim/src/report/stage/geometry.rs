@@ -46,7 +46,7 @@ pub(super) fn draw(stage: &StageFacts) -> Markup {
     let content = html! {
         @for ((axis, point), [from, to]) in rotary.iter().zip(&ends) {
             g class=(class(axis.name)) {
-                (curve("curve", [at(*from), at(*to)]))
+                (curve("solid", [at(*from), at(*to)]))
                 (curve("dash", [at(*point), at(fibre)]))
                 (dot("bar", at(*point), 3.5))
             }
@@ -80,7 +80,7 @@ fn key(rotary: &[(&AxisFacts, [f64; 3])], class: impl Fn(&str) -> &'static str) 
         @for (n, (axis, [x, y, z])) in rotary.iter().enumerate() {
             @let y0 = 60.0 + n as f64 * 66.0;
             g class=(class(axis.name)) {
-                (curve("curve", [[640.0, y0], [672.0, y0]]))
+                (curve("solid", [[640.0, y0], [672.0, y0]]))
                 (curve("dash", [[640.0, y0 + 18.0], [672.0, y0 + 18.0]]))
             }
             (text("label", [682.0, y0 + 4.0], &format!("axis of {}", axis.name)))

@@ -30,8 +30,10 @@ pub(in crate::report) fn section(stage: &StageFacts) -> Section {
             div { (points(stage)) }
         }
         (axes(stage))
-        (folded("Table 1: low-order body array", low_order(stage)))
-        (folded("Table 2: freedom of each pair of bodies", freedoms(stage)))
+        div.tables {
+            (folded("Table 1: low-order body array", low_order(stage)))
+            (folded("Table 2: freedom of each pair of bodies", freedoms(stage)))
+        }
         (folded("Table 3: the 36 errors of the stages", errors(stage)))
         (folded("Table 4: characteristic matrices", matrices(stage)))
     };
@@ -72,13 +74,12 @@ fn statics(stage: &StageFacts) -> Markup {
     html! {
         (caption("table", "The nine static errors, urad."))
         table {
-            thead { tr { th { "Error" } th.left { "of" } th.left { "about" } th.left { "meaning" } th { "urad" } } }
+            thead { tr { th { "Error" } th.left { "about" } th.left { "meaning" } th { "urad" } } }
             tbody {
                 @for row in &stage.static_errors {
                     @let index = stage.static_urad.iter().position(|(name, _)| *name == row.name).unwrap_or_default();
                     tr {
                         th { (row.name) }
-                        td.left { (row.joint) }
                         td.left { (row.about) }
                         td.left { (row.meaning) }
                         td { (figure(format!("/stage/static_urad/{index}/1"), stage.static_error(row.name))) }

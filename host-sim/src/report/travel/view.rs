@@ -2,7 +2,7 @@
 
 use super::{Kind, Mode, Result, Run, Travel};
 use crate::report::number::{figure, short};
-use crate::report::page::{Section, caption, legend};
+use crate::report::page::{Section, Swatch, caption, legend};
 use crate::report::plot::{Frame, Scale, curve, dot, drawing, line, px, rectangle, text};
 use maud::{Markup, html};
 
@@ -41,13 +41,13 @@ fn body(travel: &Travel) -> Markup {
             it was commanded (um) and rotation of the array against the commanded orientation (urad). p: percentiles."))
         (whole(travel))
         figure {
-            (legend(&names))
+            (legend(Swatch::Bar, &names))
             (ranges(travel))
             figcaption { "Position error of the fibre point along each move, um, on a logarithmic scale. Bar: from the \
                 median to the 95th percentile of all stops; tick: root mean square; dot: largest. Errors below 0.001 um are drawn at the left edge." }
         }
         figure {
-            (legend(&names))
+            (legend(Swatch::Curve, &names))
             (curves(travel))
             figcaption { "Position error of the fibre point at every stop, um, on a logarithmic scale, over where it was \
                 commanded to be; each move goes there and back, which is why a curve with backlash has two branches. \
