@@ -21,7 +21,7 @@ const FARTHEST_UM: f64 = 67_000.0;
 /// So many numbers, no fewer and no more.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(try_from = "Vec<f64>")]
-struct Row<const N: usize>([f64; N]);
+pub(super) struct Row<const N: usize>(pub(super) [f64; N]);
 
 impl<const N: usize> Default for Row<N> {
     fn default() -> Self {

@@ -4,6 +4,7 @@
 //! sin], ...]}`; the forms that are given are added. Positions are those of the stage itself, in um or degrees;
 //! values in um (E·X, E·Y, E·Z) or rad (E·A, E·B, E·C).
 
+use super::file::Row;
 use super::{LARGEST_STATIC, MachineError};
 use serde::Deserialize;
 use stage_controller::units::{AXES, Axis};
@@ -34,8 +35,8 @@ pub struct Function {
 #[serde(deny_unknown_fields)]
 struct FunctionFile {
     poly: Option<Vec<f64>>,
-    table: Option<Vec<[f64; 2]>>,
-    fourier: Option<Vec<[f64; 3]>>,
+    table: Option<Vec<Row<2>>>,
+    fourier: Option<Vec<Row<3>>>,
 }
 
 impl TryFrom<FunctionFile> for Function {
@@ -47,7 +48,9 @@ impl TryFrom<FunctionFile> for Function {
                         sin], ...]"
                 .into());
         }
-        Function::new(file.poly.unwrap_or_default(), file.table.unwrap_or_default(), file.fourier.unwrap_or_default())
+        let table = file.table.unwrap_or_default().into_iter().map(|row| row.0).collect();
+        let fourier = file.fourier.unwrap_or_default().into_iter().map(|row| row.0).collect();
+        Function::new(file.poly.unwrap_or_default(), table, fourier)
     }
 }
 

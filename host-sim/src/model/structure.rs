@@ -24,7 +24,9 @@ pub struct Structure {
     pub rank_of_candidates: usize,
     /// The nine static errors: how many of them.
     pub rank_of_static: usize,
-    /// The 24 constants (nine static errors, three distances between rotary axes, two mounts): how many of them.
+    /// The 24 constants (nine static errors, three distances between rotary axes, two mounts): how many of them. All,
+    /// and so a complete set, unless a rotary stage carries a linear one: then some of the nine may be zero shifts of
+    /// that rotary stage in disguise.
     pub rank_of_constants: usize,
 }
 
