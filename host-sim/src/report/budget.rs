@@ -216,7 +216,7 @@ fn motors(budget: &Budget) -> Markup {
         table {
             thead {
                 tr {
-                    th { "Motor" } th { "unit" } th { "step" } th { "half a step" } th { "coefficients" }
+                    th { "Motor" } th.left { "unit" } th { "step" } th { "half a step" } th { "coefficients" }
                     th { "left of backlash" } th { "lever, mm" } th { "half a step at the fibre, nm" }
                 }
             }

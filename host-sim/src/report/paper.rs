@@ -1,6 +1,6 @@
 //! The section that sets the numbers of the paper beside ours.
 
-use super::number::figure;
+use super::number::long_figure;
 use super::page::Section;
 use crate::model::{Claim, Verdict};
 use maud::html;
@@ -28,8 +28,8 @@ pub(super) fn section(claims: &[Claim]) -> Section {
                 @for (n, claim) in claims.iter().enumerate() {
                     tr {
                         td.left { (claim.quoted) }
-                        td { @if let Some(v) = claim.printed { (figure(format!("/paper/{n}/printed"), v)) } @else { "\u{2013}" } }
-                        td { @if let Some(v) = claim.ours { (figure(format!("/paper/{n}/ours"), v)) } @else { "\u{2013}" } }
+                        td { @if let Some(v) = claim.printed { span data-figure=(format!("/paper/{n}/printed")) { (v) } } @else { "\u{2013}" } }
+                        td { @if let Some(v) = claim.ours { (long_figure(format!("/paper/{n}/ours"), v)) } @else { "\u{2013}" } }
                         td.left { (claim.unit) }
                         td.left { span class=(class(claim.verdict)) { (claim.verdict.words()) } }
                         td.left { (claim.why) }

@@ -49,7 +49,7 @@ pub(super) fn section(provenance: &Provenance) -> Section {
             }
         }
         p.note {
-            "Every number on this page was computed from the machine file. The same figures as one JSON object: host-sim \
+            "Every number on this page was computed from the machine file, in the section on the paper from the inputs that it prints. The same figures as one JSON object: host-sim \
             report with --json. Method: docs/LAW.md of the project, after doi 10.1177/1687814015589503."
         }
     };

@@ -72,10 +72,15 @@ fn bars(ranking: &[Vec<Rank>; 3]) -> Markup {
     drawing([960.0, bottom + 36.0], "The strongest errors along X, Y and Z", content)
 }
 
+/// A name of the paper with its Greek letters.
+pub(super) fn greek(name: &str) -> String {
+    name.replace("epsilon_", "\u{3b5}").replace("delta_", "\u{3b4}")
+}
+
 /// The name of ISO 230-1; of a static error that of machine files, of a mount with Greek letters.
 fn name(rank: &Rank) -> String {
     match rank.iso.as_str() {
-        "" => rank.source.replace("epsilon_", "\u{3b5}").replace("delta_", "\u{3b4}"),
+        "" => greek(&rank.source),
         iso => iso.into(),
     }
 }
@@ -100,7 +105,7 @@ fn kinematic(s: &Sensitivity) -> Markup {
                 @for (n, row) in s.kinematic.iter().enumerate() {
                     tr {
                         th { (row.iso) }
-                        td.left { (row.source) }
+                        td.left { (greek(&row.source)) }
                         (three(&format!("/sensitivity/kinematic/{n}/E_first_order"), row.first_order_um))
                         (three(&format!("/sensitivity/kinematic/{n}/E_no_static"), row.no_static_um))
                         (three(&format!("/sensitivity/kinematic/{n}/E_with_static"), row.with_static_um))
@@ -126,7 +131,7 @@ fn statics(s: &Sensitivity) -> Markup {
             tbody {
                 @for (n, row) in s.statics.iter().enumerate() {
                     tr {
-                        th { (row.source) }
+                        th { (greek(&row.source)) }
                         td.left { (row.joint) }
                         td.left { (row.about) }
                         (three(&format!("/sensitivity/static/{n}/E_at_home"), row.at_home_um))

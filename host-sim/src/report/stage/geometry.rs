@@ -41,7 +41,8 @@ pub(super) fn draw(stage: &StageFacts) -> Markup {
         [(left + right) / 2.0 + (x - (x0 + x1) / 2.0) * scale, (top + bottom) / 2.0 + (y - (y0 + y1) / 2.0) * scale]
     };
     let class = |name: &str| CLASSES.iter().find(|(known, _)| *known == name).map_or("", |(_, class)| class);
-    let bar = 10f64.powf((0.5 * reach).log10().floor());
+    let decade = 10f64.powf((0.5 * reach).log10().floor());
+    let bar = [5.0, 2.0, 1.0].map(|m| m * decade).into_iter().find(|bar| *bar <= 0.5 * reach).unwrap_or(decade);
     let [fx, fy] = at(fibre);
     let content = html! {
         @for ((axis, point), [from, to]) in rotary.iter().zip(&ends) {
@@ -50,8 +51,7 @@ pub(super) fn draw(stage: &StageFacts) -> Markup {
                 (curve("dash", [at(*point), at(fibre)]))
                 (dot("bar", at(*point), 3.5))
             }
-            @let [x, y] = at(*to);
-            (text("small", [x + 5.0, y - 5.0], axis.name))
+            (text("small middle", beyond(at(*from), at(*to)), axis.name))
         }
         g class="ink" { (dot("bar", [fx, fy], 5.0)) }
         (text("label", [fx + 9.0, fy + 16.0], "F"))
@@ -62,6 +62,18 @@ pub(super) fn draw(stage: &StageFacts) -> Markup {
         (key(&rotary, class))
     };
     drawing(SIZE, "Where the rotary axes pass and where the fibre point lies", content)
+}
+
+/// Where the name of a line stands: a little behind its end.
+fn beyond([x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> [f64; 2] {
+    let length = f64::hypot(x1 - x0, y1 - y0).max(1.0);
+    [x1 + 24.0 * (x1 - x0) / length, y1 + 14.0 * (y1 - y0) / length + 4.0]
+}
+
+/// mm to the micrometre.
+fn um(mm: f64) -> String {
+    let text = format!("{mm:.3}");
+    if text == "-0.000" { "0.000".into() } else { text.replace('-', "\u{2212}") }
 }
 
 fn arrows(at: [f64; 2]) -> Markup {
@@ -85,7 +97,7 @@ fn key(rotary: &[(&AxisFacts, [f64; 3])], class: impl Fn(&str) -> &'static str) 
             }
             (text("label", [682.0, y0 + 4.0], &format!("axis of {}", axis.name)))
             (text("", [682.0, y0 + 22.0], &format!("lever to F: {} mm", short(axis.lever_mm.unwrap_or_default()))))
-            (text("small", [682.0, y0 + 38.0], &format!("foot at ({}, {}, {}) mm", short(*x), short(*y), short(*z))))
+            (text("small", [682.0, y0 + 38.0], &format!("foot at ({}, {}, {}) mm", um(*x), um(*y), um(*z))))
         }
     }
 }

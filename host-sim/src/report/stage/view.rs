@@ -3,6 +3,7 @@
 use super::{MountFacts, StageFacts, chain, geometry};
 use crate::report::number::figure;
 use crate::report::page::{Section, caption, folded};
+use crate::report::sensitivity::greek;
 use maud::{Markup, html};
 
 pub(in crate::report) fn section(stage: &StageFacts) -> Section {
@@ -162,7 +163,7 @@ fn errors(stage: &StageFacts) -> Markup {
                 @for rows in stage.kinematic_errors.chunks(6) {
                     tr {
                         th { (rows[0].axis) }
-                        @for row in rows { td.left { strong { (row.iso) } " " (row.paper) br; (row.meaning) } }
+                        @for row in rows { td.left { strong { (row.iso) } " " (greek(&row.paper)) br; (row.meaning) } }
                     }
                 }
             }

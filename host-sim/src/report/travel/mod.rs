@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! At every stop the motors stand where the controller's fixed-point law, the reversal rule and the overlay put them,
-//! and the stage where the twin's play and exact chain put it; the error is the true pose less the commanded one.
+//! and the stage where the twin's play and the exact model of all its errors put it; the error is the true pose less the commanded one.
 //! Between stops the target is followed finely enough to see motors that turn on the way. Stops are at rest: what the
 //! overlay still lacks during a take-up does not show.
 

@@ -58,8 +58,10 @@ fn body(travel: &Travel) -> Markup {
         (all(travel))
         p.note {
             "At each stop the motors stand where the controller\u{2019}s fixed-point law and its reversal rule put them, and \
-            the stage where the play and the exact chain of the simulated stage put it. All stops are at rest, the stage \
-            is homed on the positive flank before each move. Coupling: squarenesses and axis tilts (D\u{207b}\u{b9}, \
+            the stage where its play and all errors of the machine file put it; the law knows nothing of the 36 errors of the \
+            stages, which stay. All stops are at rest, each move begins at home on the positive flank. After a motor turns, \
+            a step or two within the dead band of the reversal rule are not yet taken up: that shows where a coupled motor \
+            moves slowly. Coupling: squarenesses and axis tilts (D\u{207b}\u{b9}, \
             W\u{207b}\u{b9} and the second-order term). Rotation centre: the fibre point stays where it is when an angle \
             changes; without it the stage turns about its own axes and carries the fibre point along."
         }
