@@ -1,9 +1,11 @@
 //! The stage's geometry in f64: the exact static chain, the reference for every fixed-point result, and the model of
 //! all its errors.
 
+mod accuracy;
 mod chain;
 mod errors;
 mod field;
+mod figure;
 mod paper;
 mod propagation;
 mod rotation;
@@ -12,12 +14,14 @@ mod structure;
 mod tables;
 mod topology;
 
+pub use accuracy::{Accuracy, AccuracyOptions, Fields, MotionAccuracy, accuracy};
 pub use chain::{Chain, Screw};
 pub use errors::{ErrorModel, Form, Frame, Positions, SixErrors};
 pub use field::{
     Compensation, Ensemble, EnsembleStatistics, Field, Grid, Motion, Size, Spread, Statistics, compensated_field,
     ensemble, error_field, percentile, statistics,
 };
+pub use figure::{FigureRow, accuracy_figure, figure};
 pub use paper::{Claim, Verdict, paper_claims};
 pub use propagation::{Deviation, FirstOrderGap};
 pub use rotation::{Euler, exp, vee};
