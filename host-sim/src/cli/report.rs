@@ -2,7 +2,8 @@
 
 use super::Failure;
 use super::common::load;
-use crate::report::{Report, render};
+use crate::report::{PROGRESS_STEPS, Report, render};
+use indicatif::ProgressBar;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -30,7 +31,10 @@ impl Args {
             writable(path)?;
         }
         let file = self.machine.file_name().map_or_else(|| machine.name.clone(), |name| name.to_string_lossy().into());
-        let report = Report::new(&machine, &file, self.date.as_deref());
+        // on standard error, and only where that is a terminal
+        let bar = ProgressBar::new(PROGRESS_STEPS);
+        let report = Report::new(&machine, &file, self.date.as_deref(), &|| bar.inc(1));
+        bar.finish_and_clear();
         if let Some(path) = &self.output {
             let page = render(&report);
             replace(path, page.as_bytes())

@@ -1,24 +1,17 @@
 //! The section on the accuracy field: errors over linear and over angular motion, before and after compensation.
 
-use super::number::figure;
+use super::number::{figure, short};
 use super::page::{Section, caption};
 use super::plot::{Scale, drawing, line, px, rectangle, text};
 use crate::machine::{ErrorName, Machine};
-use crate::model::{
-    Compensation, Ensemble, EnsembleStatistics, ErrorModel, Field, Grid, Magnitudes, Motion, Statistics,
-    compensated_field, ensemble, error_field, statistics,
-};
+use crate::model::{Accuracy, AccuracyOptions, Ensemble, Field, Motion, MotionAccuracy, Statistics, accuracy};
 use maud::{Markup, html};
 use serde::Serialize;
-use stage_controller::units::AXES;
 
-/// Points along each of three axes; odd, so that home lies on a point of a symmetric travel.
-const POINTS: usize = 21;
-/// The same for ensembles, of which there are many fields.
-const ENSEMBLE_POINTS: usize = 7;
-const STAGES: usize = 200;
-const SEED: u64 = 1;
-const ENSEMBLES: [Ensemble; 3] = [Ensemble::SameSign, Ensemble::RandomSigns, Ensemble::MonteCarlo];
+/// Stages of each ensemble.
+const STAGES: usize = 100;
+/// How often a report tells its progress: two motions with two ensembles each, nearly all of its time.
+pub const PROGRESS_STEPS: u64 = 4 * STAGES as u64;
 /// Colours of a map.
 const LEVELS: usize = 16;
 
@@ -33,28 +26,15 @@ pub struct Map {
     pub norm_um: Vec<Vec<f64>>,
 }
 
-/// Field of one kind of motion, before or after.
+/// The planes of one kind of motion.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Half {
-    /// Over the whole grid.
-    pub statistics: Statistics,
-    /// Planes through home.
-    pub maps: Vec<Map>,
-}
-
-/// One kind of motion.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct MotionField {
-    /// Which stages move.
-    pub motion: Motion,
-    /// Poses of the grid.
-    pub poses: usize,
+pub struct Maps {
+    /// All errors of the same sign, as in Fig. 5 of the paper.
+    pub same_sign: Vec<Map>,
     /// The stage as it is, counted from home.
-    pub before: Half,
+    pub before: Vec<Map>,
     /// Driven by the controller's law; none when it cannot be.
-    pub after: Option<Half>,
-    /// Stages of which only the size of the errors is known.
-    pub ensembles: Vec<EnsembleStatistics>,
+    pub after: Option<Vec<Map>>,
 }
 
 /// Linear and angular field.
@@ -62,41 +42,30 @@ pub struct MotionField {
 pub struct Fields {
     /// How many of the 36 errors of the stages the machine file gives.
     pub kinematic_errors_given: usize,
-    /// Size of the errors in the ensembles.
-    pub magnitudes: Magnitudes,
-    /// Linear motion, angular motion.
-    pub motions: Vec<MotionField>,
+    /// What `host-sim field` prints.
+    pub accuracy: Accuracy,
+    /// Planes through home, linear and angular motion.
+    pub maps: [Maps; 2],
 }
 
 impl Fields {
-    pub(super) fn new(machine: &Machine) -> Self {
-        let model = ErrorModel::of(machine);
-        let magnitudes = Magnitudes::default();
-        let one = |motion| {
-            let grid = Grid::travel(machine, motion, POINTS);
-            let before = error_field(&model, &grid).from_home(&model.error_at([0.0; AXES]));
-            let after = compensated_field(machine, &model, &grid, Compensation::Controller).ok();
-            let coarse = Grid::travel(machine, motion, ENSEMBLE_POINTS);
-            MotionField {
-                motion,
-                poses: grid.len(),
-                before: half(&before),
-                after: after.as_ref().map(half),
-                ensembles: ENSEMBLES
-                    .map(|kind| ensemble(machine, kind, &magnitudes, &coarse, STAGES, SEED, &|| ()))
-                    .into(),
-            }
-        };
+    pub(super) fn new(machine: &Machine, progress: &(dyn Fn() + Sync)) -> Self {
+        let accuracy = accuracy(machine, &AccuracyOptions { stages: STAGES, ..AccuracyOptions::default() }, progress);
+        let maps = accuracy.motions.each_ref().map(|motion| Maps {
+            same_sign: planes(&motion.fields.same_sign),
+            before: planes(&motion.fields.before),
+            after: motion.fields.after.as_ref().map(planes),
+        });
         Fields {
             kinematic_errors_given: ErrorName::all().filter(|name| !machine.kinematic.get(*name).is_absent()).count(),
-            magnitudes,
-            motions: [Motion::Linear, Motion::Angular].map(one).into(),
+            accuracy,
+            maps,
         }
     }
 }
 
-fn half(field: &Field) -> Half {
-    Half { statistics: statistics(field), maps: [[0, 1], [0, 2], [1, 2]].map(|plane| map(field, plane)).into() }
+fn planes(field: &Field) -> Vec<Map> {
+    [[0, 1], [0, 2], [1, 2]].map(|plane| map(field, plane)).into()
 }
 
 /// The plane of two axes through the point of the third that is nearest to home.
@@ -124,67 +93,78 @@ fn map(field: &Field, [a, b]: [usize; 2]) -> Map {
 
 pub(super) fn section(fields: &Fields, refusal: Option<&str>) -> Section {
     let given = fields.kinematic_errors_given;
+    let m = &fields.accuracy.magnitudes;
     let body = html! {
         p {
-            "Error of the fibre point against the ideal stage over the travel, counted from home (alignment at home removes \
-            what is constant). The machine file gives " (given) " of the 36 errors of the stages as functions of their \
-            position" @if given == 0 { ": what is shown comes from the nine static errors and the mounts alone" } ". After: \
-            driven by the controller\u{2019}s law, which knows the static errors but not those 36, motors at whole steps, \
-            play taken up."
+            "Error of the fibre point against the ideal stage over the travel of three axes, the others at home. Same sign: a \
+            stage of this geometry with every error as large as in the paper (" (short(m.linear_um)) " um, "
+            (short(m.angular_rad * 1e6)) " urad, squarenesses and tilts " (short(m.squareness_rad * 1e6))
+            " urad) and positive, as in its Fig. 5. Before: this stage, counted from home (alignment at home removes what is \
+            constant). After: driven by the controller\u{2019}s law, which knows the static errors but not the 36 errors of \
+            the stages, motors at whole steps, play taken up. The machine file gives " (given) " of those 36"
+            @if given == 0 { ": what is shown of this stage comes from the nine static errors and the mounts alone" } "."
         }
         @if let Some(refusal) = refusal { p.warning { "There is no field after compensation: " (refusal) "." } }
-        @for (n, field) in fields.motions.iter().enumerate() {
-            h3 { (match field.motion { Motion::Linear => "Linear motion", Motion::Angular => "Angular motion" }) }
-            (maps(field))
-            (numbers(n, field))
+        @for (n, (motion, maps)) in fields.accuracy.motions.iter().zip(&fields.maps).enumerate() {
+            h3 { (match motion.motion { Motion::Linear => "Linear motion", Motion::Angular => "Angular motion" }) }
+            (drawings(motion, maps))
+            (numbers(n, motion))
         }
         h3 { "Stages that nobody has measured" }
-        (ensembles(fields))
+        (ensembles(&fields.accuracy))
     };
     Section { id: "field", title: "Errors over the travel", body }
 }
 
-fn maps(field: &MotionField) -> Markup {
-    let unit = if field.motion == Motion::Linear { "um" } else { "deg" };
-    let row = |half: &Half, name: &str, top: f64| {
-        let largest = half.maps.iter().flat_map(|map| map.norm_um.iter().flatten()).copied().fold(0.0, f64::max);
-        html! {
-            g transform=(format!("translate(0 {})", px(top))) {
-                (text("label", [0.0, 14.0], name))
-                @for (n, map) in half.maps.iter().enumerate() {
-                    g transform=(format!("translate({} 44)", px(n as f64 * 290.0))) { (plane(map, largest, unit)) }
-                }
-                g transform="translate(880 44)" { (key(largest)) }
-            }
-        }
-    };
-    let halves = 1 + usize::from(field.after.is_some());
-    let content = html! {
-        (row(&field.before, "before compensation", 0.0))
-        @if let Some(after) = &field.after { (row(after, "after compensation (its own colours)", 312.0)) }
-    };
+fn drawings(motion: &MotionAccuracy, maps: &Maps) -> Markup {
+    const ROW: f64 = 312.0;
+    let unit = if motion.motion == Motion::Linear { "um" } else { "deg" };
+    let rows: Vec<(&str, &[Map])> = [
+        ("all errors of the same sign (Fig. 5)", Some(&maps.same_sign)),
+        ("this stage before compensation", Some(&maps.before)),
+        ("this stage after compensation", maps.after.as_ref()),
+    ]
+    .into_iter()
+    .filter_map(|(name, maps)| Some((name, maps?.as_slice())))
+    .collect();
     html! {
-        figure {
-            (drawing([960.0, 312.0 * halves as f64 - 20.0], "Length of the error in three planes through home", content))
-            figcaption {
-                "Length of the position error, um, in three planes through home, over the coordinates of the stages in "
-                (unit) "; the third stage of each plane is at home. Each row has colours of its own, see the scale at its \
-                right."
+        @for (name, planes) in &rows {
+            @let [least, largest] = ends(planes);
+            @let content = html! {
+                (text("label", [0.0, 14.0], name))
+                @for (n, map) in planes.iter().enumerate() {
+                    g transform=(format!("translate({} 44)", px(n as f64 * 290.0))) { (plane(map, [least, largest], unit)) }
+                }
+                g transform="translate(880 44)" { (key([least, largest])) }
+            };
+            figure {
+                (drawing([960.0, ROW - 20.0], &format!("Length of the error, {name}"), content))
+                figcaption {
+                    "Length of the position error, um, in three planes through home, over the coordinates of the stages in "
+                    (unit) "; the third axis of each plane is at home. "
+                    "The colours are those of this figure alone: from " (short(least)) " to " (short(largest)) " um."
+                }
             }
         }
     }
 }
 
-fn plane(map: &Map, largest: f64, unit: &str) -> Markup {
+/// Least and largest error of some planes, um.
+fn ends(planes: &[Map]) -> [f64; 2] {
+    let values = || planes.iter().flat_map(|map| map.norm_um.iter().flatten()).copied();
+    [values().fold(f64::MAX, f64::min), values().fold(0.0, f64::max)]
+}
+
+fn plane(map: &Map, ends_um: [f64; 2], unit: &str) -> Markup {
     let [across, up] = &map.coordinates;
-    let ends = |line: &[f64]| [line[0], line[line.len() - 1]];
-    let (x, y) = (Scale::linear(ends(across), [56.0, 266.0]), Scale::linear(ends(up), [210.0, 0.0]));
+    let travel = |line: &[f64]| [line[0], line[line.len() - 1]];
+    let (x, y) = (Scale::linear(travel(across), [56.0, 266.0]), Scale::linear(travel(up), [210.0, 0.0]));
     let (width, height) = (210.0 / across.len() as f64, 210.0 / up.len() as f64);
     let mut levels = vec![String::new(); LEVELS];
     for (i, line) in map.norm_um.iter().enumerate() {
         for (j, value) in line.iter().enumerate() {
             let (left, top) = (56.0 + i as f64 * width, 210.0 - (j + 1) as f64 * height);
-            levels[level(*value, largest)].push_str(&format!(
+            levels[level(*value, ends_um)].push_str(&format!(
                 "M{} {}h{}v{}h-{}z",
                 px(left),
                 px(top),
@@ -212,8 +192,9 @@ fn plane(map: &Map, largest: f64, unit: &str) -> Markup {
     }
 }
 
-fn level(value: f64, largest: f64) -> usize {
-    if largest > 0.0 { ((value / largest * LEVELS as f64) as usize).min(LEVELS - 1) } else { 0 }
+fn level(value: f64, [least, largest]: [f64; 2]) -> usize {
+    let share = if largest > least { (value - least) / (largest - least) } else { 0.0 };
+    ((share * LEVELS as f64) as usize).min(LEVELS - 1)
 }
 
 fn colour(level: usize) -> String {
@@ -221,8 +202,8 @@ fn colour(level: usize) -> String {
 }
 
 /// The colours of a row with their values.
-fn key(largest: f64) -> Markup {
-    let up = Scale::linear([0.0, largest], [210.0, 0.0]);
+fn key(ends_um: [f64; 2]) -> Markup {
+    let up = Scale::linear(ends_um, [210.0, 0.0]);
     let height = 210.0 / LEVELS as f64;
     html! {
         @for n in 0..LEVELS {
@@ -230,7 +211,7 @@ fn key(largest: f64) -> Markup {
             rect style=(colour(n)) shape-rendering="crispEdges" x="0" y=(px(top)) width="14" height=(px(height)) {}
         }
         (rectangle("frame", [0.0, 0.0], [14.0, 210.0]))
-        @if largest > 0.0 {
+        @if ends_um[1] > ends_um[0] {
             @for (value, name) in up.ticks() {
                 (line("mark", [14.0, up.at(value)], [18.0, up.at(value)]))
                 (text("tick", [21.0, up.at(value) + 3.5], &name))
@@ -240,13 +221,19 @@ fn key(largest: f64) -> Markup {
     }
 }
 
-fn numbers(n: usize, field: &MotionField) -> Markup {
-    let halves = [("before", "before", Some(&field.before)), ("after", "after", field.after.as_ref())];
+fn numbers(n: usize, motion: &MotionAccuracy) -> Markup {
+    let rows: [(&str, &str, Option<&Statistics>); 4] = [
+        ("same_sign", "same sign", Some(&motion.same_sign)),
+        ("before", "before", Some(&motion.before)),
+        ("after", "after", motion.after.as_ref()),
+        ("after_exact", "after, exact law", motion.after_exact.as_ref()),
+    ];
     html! {
         (caption("table", format!(
             "Over {} poses on a grid: largest error along each direction; length of the error; rotation of the array \
-            against the ideal one less that at home. A tilt of the array at home turns with the array: that stays after \
-            compensation, because the controller counts orientation from home.", field.poses
+            against the ideal one, but for \u{201c}same sign\u{201d} less that at home. A tilt of the array at home turns \
+            with the array: that stays after compensation, because the controller counts orientation from home. Exact law: \
+            without rounding, motors anywhere.", motion.points.pow(3)
         )))
         div.wide { table {
             thead {
@@ -257,9 +244,9 @@ fn numbers(n: usize, field: &MotionField) -> Markup {
                 tr { @for name in ["X", "Y", "Z", "max", "rms", "p50", "p95", "max", "rms"] { th { (name) } } }
             }
             tbody {
-                @for (key, name, half) in halves {
-                    @if let Some(Half { statistics: s, .. }) = half {
-                        @let at = |name: &str| format!("/field/motions/{n}/{key}/statistics/{name}");
+                @for (key, name, statistics) in rows {
+                    @if let Some(s) = statistics {
+                        @let at = |name: &str| format!("/field/accuracy/motions/{n}/{key}/{name}");
                         tr {
                             th { (name) }
                             td { (figure(at("x_um/max"), s.x_um.max)) }
@@ -279,16 +266,11 @@ fn numbers(n: usize, field: &MotionField) -> Markup {
     }
 }
 
-fn ensembles(fields: &Fields) -> Markup {
-    let m = &fields.magnitudes;
+fn ensembles(accuracy: &Accuracy) -> Markup {
     html! {
-        (caption("table", html! {
-            "Stages of this geometry whose errors are only known by size (" (super::number::short(m.linear_um)) " um, "
-            (super::number::short(m.angular_rad * 1e6)) " urad, squarenesses and tilts "
-            (super::number::short(m.squareness_rad * 1e6)) " urad), over the whole travel, without compensation: largest \
-            error of a stage, um, as median and 95th percentile over the stages. Same sign: every error positive, one \
-            stage. Random signs: signs by chance. Monte Carlo: sizes and shapes by chance."
-        }))
+        (caption("table", "Stages of this geometry whose errors are only known by their size (the same as above), over the \
+            whole travel, without compensation: largest error of a stage, um, as median and 95th percentile over the \
+            stages. Random signs: signs by chance. Monte Carlo: sizes and shapes by chance."))
         div.wide { table {
             thead {
                 tr {
@@ -298,11 +280,11 @@ fn ensembles(fields: &Fields) -> Markup {
                 tr { @for _ in 0..4 { th { "p50" } th { "p95" } } }
             }
             tbody {
-                @for (n, field) in fields.motions.iter().enumerate() {
-                    @for (k, e) in field.ensembles.iter().enumerate() {
-                        @let at = |name: &str| format!("/field/motions/{n}/ensembles/{k}/{name}");
+                @for (n, motion) in accuracy.motions.iter().enumerate() {
+                    @for (k, e) in motion.ensembles.iter().enumerate() {
+                        @let at = |name: &str| format!("/field/accuracy/motions/{n}/ensembles/{k}/{name}");
                         tr {
-                            th { (match field.motion { Motion::Linear => "linear", Motion::Angular => "angular" }) }
+                            th { (match motion.motion { Motion::Linear => "linear", Motion::Angular => "angular" }) }
                             td.left { (match e.ensemble {
                                 Ensemble::SameSign => "same sign",
                                 Ensemble::RandomSigns => "random signs",

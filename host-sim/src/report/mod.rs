@@ -16,7 +16,7 @@ mod stage;
 mod travel;
 
 pub use budget::Budget;
-pub use field::Fields;
+pub use field::{Fields, PROGRESS_STEPS};
 pub use number::short;
 pub use page::render;
 pub use provenance::Provenance;
@@ -56,7 +56,8 @@ pub struct Report {
 
 impl Report {
     /// Computes everything. `file`: the name that the page gives for the machine file; `date`: what it gives as date.
-    pub fn new(machine: &Machine, file: &str, date: Option<&str>) -> Self {
+    /// `progress` is called [`PROGRESS_STEPS`] times, by several threads.
+    pub fn new(machine: &Machine, file: &str, date: Option<&str>, progress: &(dyn Fn() + Sync)) -> Self {
         let calibrated = calibrate(machine);
         let (travel, budget, crc, refusal) = match &calibrated {
             Ok((calibration, report)) => (
@@ -73,7 +74,7 @@ impl Report {
             refusal,
             stage: StageFacts::new(machine),
             sensitivity: sensitivity(machine, &Options::default()),
-            field: Fields::new(machine),
+            field: Fields::new(machine, progress),
             travel,
             budget,
             paper: paper_claims(),

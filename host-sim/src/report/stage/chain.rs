@@ -31,7 +31,7 @@ pub(super) fn draw(stage: &StageFacts) -> Markup {
             (below(stage, axis, turned, left(n + 1) + BOX[0] / 2.0))
         }
         (body(left(7), "box", "fibre array", "body 8", html! {}))
-        (mount("F at", stage.fibre_point_um, left(7) + BOX[0] / 2.0 - 8.0))
+        (mount("end", "F at", stage.fibre_point_um, left(7) + BOX[0]))
         (text("small", [left(1), 30.0], "Each stage stands on the one to its left. Arrow: direction of a linear stage; \
             circle with arrow: axis of a rotary one."))
         (text("small", [left(1), 47.0], "Below: shift of its frame against the one before (um) and static errors (urad)."))
@@ -85,7 +85,7 @@ fn below(stage: &StageFacts, axis: &AxisFacts, turned: bool, middle: f64) -> Mar
     let shifted = axis.offset_um != [0.0; 3];
     let errors: Vec<_> = stage.static_errors.iter().filter(|row| row.joint == axis.name).collect();
     html! {
-        @if shifted { (mount("shifted", axis.offset_um, middle)) }
+        @if shifted { (mount("middle", "shifted", axis.offset_um, middle)) }
         @for (n, row) in errors.iter().enumerate() {
             @let y = TOP + BOX[1] + 18.0 + 15.0 * (n + 2 * usize::from(shifted)) as f64;
             (text("small middle", [middle, y], &format!("{} {}", row.name, short(stage.static_error(row.name)))))
@@ -96,10 +96,11 @@ fn below(stage: &StageFacts, axis: &AxisFacts, turned: bool, middle: f64) -> Mar
     }
 }
 
-fn mount(word: &str, um: [f64; 3], middle: f64) -> Markup {
+/// A vector below the chain, with the word that says what it is.
+fn mount(anchor: &str, word: &str, um: [f64; 3], at: f64) -> Markup {
     let [x, y, z] = um.map(|v| if v == 0.0 { "0".into() } else { format!("{v}").replace('-', "\u{2212}") });
     html! {
-        (text("small middle", [middle, TOP + BOX[1] + 18.0], word))
-        (text("small middle", [middle, TOP + BOX[1] + 33.0], &format!("({x}, {y}, {z})")))
+        (text(&format!("small {anchor}"), [at, TOP + BOX[1] + 18.0], word))
+        (text(&format!("small {anchor}"), [at, TOP + BOX[1] + 33.0], &format!("({x}, {y}, {z})")))
     }
 }
