@@ -117,7 +117,7 @@ fn every_claim_of_the_paper_has_its_verdict() {
     number("0.005 deg is", 87.266, 1e-3, Verdict::Reproduced);
     number("9.03 dB", 9.0309, 1e-4, Verdict::Reproduced);
     number("more than 1 dB", 1.22, 1e-9, Verdict::Reproduced);
-    number("lateral offset", 5.381, 1e-3, Verdict::Reproduced);
+    number("lateral offset", 5.381, 1e-3, Verdict::Input);
     number("0.65 deg", 0.6509, 1e-4, Verdict::Reproduced);
     number("16 um of gap", 33.0, 0.05, Verdict::NotReproduced);
     number("angular backlash can", 0.0764, 1e-4, Verdict::Approximately);

@@ -3,11 +3,15 @@
 mod bench;
 mod calibrate;
 mod common;
+mod field;
 mod load;
 mod manual;
 mod move_pose;
 mod report;
+mod sensitivity;
 mod serve;
+mod sheet;
+mod topology;
 mod trace;
 
 use clap::{Parser, Subcommand};
@@ -34,6 +38,9 @@ enum Command {
     Report(report::Args),
     Trace(trace::Args),
     Bench(bench::Args),
+    Topology(topology::Args),
+    Sensitivity(sensitivity::Args),
+    Field(field::Args),
 }
 
 /// Why a subcommand failed, and with it the exit status.
@@ -75,6 +82,9 @@ pub fn main() -> ExitCode {
         Command::Report(args) => args.run(),
         Command::Trace(args) => args.run(),
         Command::Bench(args) => args.run(),
+        Command::Topology(args) => args.run(),
+        Command::Sensitivity(args) => args.run(),
+        Command::Field(args) => args.run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

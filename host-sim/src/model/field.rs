@@ -15,6 +15,9 @@ use serde::Serialize;
 use stage_controller::units::{AXES, Axis};
 use std::f64::consts::TAU;
 
+/// Errors this close to each other (um, urad) are the same error: rounding must not choose the worst pose.
+const TIE: f64 = 1e-9;
+
 /// Which stages move; the others stay at home.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -277,7 +280,7 @@ impl Statistics {
 pub fn statistics(field: &Field) -> Statistics {
     let size = |of: &dyn Fn(&Deviation) -> f64| {
         let values: Vec<f64> = field.deviations.iter().map(of).collect();
-        let worst = (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0);
+        let worst = worst_pose(&field.grid, &values);
         let pose = field.grid.pose(worst);
         let mut sorted = values;
         let rms = (sorted.iter().map(|v| v * v).sum::<f64>() / sorted.len() as f64).sqrt();
@@ -300,6 +303,14 @@ pub fn statistics(field: &Field) -> Statistics {
         norm_um: size(&|d| norm(d.position_um)),
         rotation_urad: size(&|d| norm(d.rotation_rad) * 1e6),
     }
+}
+
+/// Number of the pose with the largest value; of poses as bad as that the one nearest to home.
+pub(super) fn worst_pose(grid: &Grid, values: &[f64]) -> usize {
+    let largest = values.iter().copied().fold(0.0, f64::max);
+    let distance = |&number: &usize| grid.pose(number).iter().map(|q| q * q).sum::<f64>();
+    let as_bad = (0..values.len()).filter(|&n| values[n] >= largest - TIE * (1.0 + largest));
+    as_bad.min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
 }
 
 /// The value below which a part of the sorted values lies, straight between neighbours; 0 without any.

@@ -1,7 +1,7 @@
 //! Fig. 5 as SVG: sections through accuracy fields, one row per field, one panel for each of Ex, Ey, Ez.
 
 use super::accuracy::Accuracy;
-use super::field::{Field, Motion};
+use super::field::{Field, Motion, worst_pose};
 use super::topology::coordinate;
 use std::fmt::Write;
 
@@ -11,6 +11,8 @@ const LEFT: f64 = 70.0;
 const TOP: f64 = 70.0;
 const ROW: f64 = 345.0;
 const WIDTH: f64 = LEFT + 3.0 * PANEL + 2.0 * GAP + 50.0;
+/// Colours of a panel.
+const SHADES: usize = 48;
 /// Contour lines of a panel.
 const CONTOURS: usize = 5;
 /// A field that varies by less than this is drawn as constant, um.
@@ -98,8 +100,8 @@ fn colour(part: f64) -> String {
 fn panel(svg: &mut String, left: f64, top: f64, field: &Field, component: usize) {
     let grid = &field.grid;
     let value = |i: usize, j: usize, k: usize| field.at([i, j, k])[component];
-    let magnitude = |n: usize| field.deviations[n].position_um[component].abs();
-    let worst = (0..grid.len()).max_by(|&a, &b| magnitude(a).total_cmp(&magnitude(b))).unwrap_or(0);
+    let magnitudes: Vec<f64> = field.deviations.iter().map(|d| d.position_um[component].abs()).collect();
+    let worst = worst_pose(grid, &magnitudes);
     // an error that depends on one coordinate only must not hide behind it: across lies the one that matters least
     let across = least_important(field, component);
     let [h, v] = match across {
@@ -122,26 +124,30 @@ fn panel(svg: &mut String, left: f64, top: f64, field: &Field, component: usize)
     let part = |e: f64| if flat { 0.5 } else { (e - low) / (high - low) };
     let names = grid.motion.axes().map(coordinate);
     let fixed = reading(grid.motion, grid.coordinates[across][place]);
-    let head = format!("E{} at {} = {fixed}", ["x", "y", "z"][component], names[across]);
+    let head = format!("E{} (um) at {} = {fixed}", ["x", "y", "z"][component], names[across]);
     text(svg, left, top - 8.0, "start", 12, &head);
     let (w, t) = (PANEL / columns as f64, PANEL / rows as f64);
+    let mut cells = vec![String::new(); SHADES];
     for (a, b) in all() {
-        // drawn a little larger, so that no seam shows
+        // a little larger than its share, so that no seam shows
         let (x, y) = (left + w * a as f64, top + PANEL - t * (b + 1) as f64);
-        let fill = colour(part(section(a, b)));
-        writeln!(
-            svg,
-            "<rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{:.2}\" height=\"{:.2}\" fill=\"{fill}\"/>",
-            w + 0.3,
-            t + 0.3
-        )
-        .expect("a string takes all");
+        let (right, down) = (w + 0.3, t + 0.3);
+        let shade = (part(section(a, b)) * (SHADES - 1) as f64).round() as usize;
+        write!(cells[shade], "M{x:.1} {y:.1}h{right:.1}v{down:.1}h-{right:.1}z").expect("a string takes all");
+    }
+    for (shade, path) in cells.iter().enumerate().filter(|(_, path)| !path.is_empty()) {
+        let fill = colour(shade as f64 / (SHADES - 1) as f64);
+        writeln!(svg, "<path d=\"{path}\" fill=\"{fill}\"/>").expect("a string takes all");
     }
     let centre = |a: f64, b: f64| (left + w * (a + 0.5), top + PANEL - t * (b + 0.5));
     if !flat {
-        for n in 1..=CONTOURS {
-            let level = low + (high - low) * n as f64 / (CONTOURS + 1) as f64;
-            contour(svg, columns, rows, level, &section, &centre);
+        let level = |n: usize| low + (high - low) * n as f64 / (CONTOURS + 1) as f64;
+        let lines: Vec<_> = (1..=CONTOURS).map(|n| contour(columns, rows, level(n), &section, &centre)).collect();
+        // through the noise of steps there are no lines that say anything
+        if lines.iter().map(|(pieces, _)| pieces).sum::<usize>() < CONTOURS * 4 * (columns + rows) {
+            let path: String = lines.into_iter().map(|(_, path)| path).collect();
+            writeln!(svg, "<path d=\"{path}\" stroke=\"white\" stroke-width=\"0.8\" fill=\"none\"/>")
+                .expect("a string takes all");
         }
     }
     let ends = |line: &[f64]| [line[0], line[line.len() - 1]].map(|q| reading(grid.motion, q));
@@ -156,37 +162,35 @@ fn panel(svg: &mut String, left: f64, top: f64, field: &Field, component: usize)
     scale(svg, left, top + PANEL + 26.0, low, high, flat);
 }
 
-/// The coordinate along which the component changes least.
+/// The coordinate along which the component changes least: the smallest of the largest ranges along it.
 fn least_important(field: &Field, component: usize) -> usize {
-    let ends = field.grid.coordinates.each_ref().map(|line| line.len() - 1);
-    let change = |axis: usize| {
-        let mut largest = 0.0_f64;
-        for corner in 0..8_usize {
-            let at = |turn: bool| {
-                field.at(std::array::from_fn(|i| {
-                    let upper = corner >> i & 1 == 1;
-                    if (upper ^ (turn && i == axis)) { ends[i] } else { 0 }
-                }))[component]
-            };
-            largest = largest.max((at(true) - at(false)).abs());
-        }
-        largest
+    let [_, m, n] = field.grid.coordinates.each_ref().map(Vec::len);
+    let strides = [m * n, n, 1];
+    let value = |number: usize| field.deviations[number].position_um[component];
+    let range = |axis: usize| {
+        let lines = (0..field.grid.len()).filter(|&number| field.grid.places(number)[axis] == 0);
+        let along = |start: usize| {
+            let points = 0..field.grid.coordinates[axis].len();
+            let ends = |(low, high): (f64, f64), e: f64| (low.min(e), high.max(e));
+            let (low, high) = points.map(|i| value(start + i * strides[axis])).fold((f64::MAX, f64::MIN), ends);
+            high - low
+        };
+        lines.map(along).fold(0.0, f64::max)
     };
-    let changes = [change(0), change(1), change(2)];
+    let ranges = [range(0), range(1), range(2)].map(|r| (r - FLAT).max(0.0));
     // the last of equals: sections over the first two coordinates are the usual ones
-    (0..3).rev().min_by(|&a, &b| (changes[a] - FLAT).max(0.0).total_cmp(&(changes[b] - FLAT).max(0.0))).unwrap_or(2)
+    (0..3).rev().min_by(|&a, &b| ranges[a].total_cmp(&ranges[b])).unwrap_or(2)
 }
 
-/// One contour line: where a level crosses the edges of the triangles of the grid.
+/// One contour line, where a level crosses the edges of the triangles of the grid: number of pieces, and the path.
 fn contour(
-    svg: &mut String,
     columns: usize,
     rows: usize,
     level: f64,
     section: &dyn Fn(usize, usize) -> f64,
     place: &dyn Fn(f64, f64) -> (f64, f64),
-) {
-    let mut path = String::new();
+) -> (usize, String) {
+    let (mut pieces, mut path) = (0, String::new());
     let crossing = |p: (usize, usize), q: (usize, usize)| {
         let (e, f) = (section(p.0, p.1) - level, section(q.0, q.1) - level);
         ((e < 0.0) != (f < 0.0)).then(|| {
@@ -201,18 +205,18 @@ fn contour(
             for [u, v, w] in [[p, q, r], [p, r, s]] {
                 let ends: Vec<_> = [(u, v), (v, w), (w, u)].into_iter().filter_map(|(m, n)| crossing(m, n)).collect();
                 if let [from, to] = ends[..] {
-                    write!(path, "M{:.2} {:.2}L{:.2} {:.2}", from.0, from.1, to.0, to.1).expect("a string takes all");
+                    write!(path, "M{:.1} {:.1}L{:.1} {:.1}", from.0, from.1, to.0, to.1).expect("a string takes all");
+                    pieces += 1;
                 }
             }
         }
     }
-    writeln!(svg, "<path d=\"{path}\" stroke=\"white\" stroke-width=\"0.8\" fill=\"none\" opacity=\"0.8\"/>")
-        .expect("a string takes all");
+    (pieces, path)
 }
 
 /// The colours from the lowest to the highest value, with both.
 fn scale(svg: &mut String, left: f64, top: f64, low: f64, high: f64, flat: bool) {
-    const PARTS: usize = 42;
+    const PARTS: usize = 30;
     let w = PANEL / PARTS as f64;
     for n in 0..PARTS {
         let part = if flat { 0.5 } else { n as f64 / (PARTS - 1) as f64 };
@@ -220,12 +224,13 @@ fn scale(svg: &mut String, left: f64, top: f64, low: f64, high: f64, flat: bool)
         writeln!(svg, "<rect x=\"{x:.2}\" y=\"{top:.2}\" width=\"{:.2}\" height=\"8\" fill=\"{fill}\"/>", w + 0.3)
             .expect("a string takes all");
     }
-    let number = |e: f64| format!("{:+.4}", e + 0.0);
+    let digits = if low.abs().max(high.abs()) < 10.0 { 4 } else { 2 };
+    let number = |e: f64| format!("{:+.digits$}", e + 0.0);
     if flat {
-        text(svg, left + PANEL / 2.0, top + 20.0, "middle", 11, &format!("{} um everywhere", number(low)));
+        text(svg, left + PANEL / 2.0, top + 20.0, "middle", 11, &format!("{} everywhere", number(low)));
     } else {
-        text(svg, left, top + 20.0, "start", 11, &format!("{} um", number(low)));
+        text(svg, left, top + 20.0, "start", 11, &number(low));
         text(svg, left + PANEL / 2.0, top + 20.0, "middle", 11, &number(0.5 * (low + high)));
-        text(svg, left + PANEL, top + 20.0, "end", 11, &format!("{} um", number(high)));
+        text(svg, left + PANEL, top + 20.0, "end", 11, &number(high));
     }
 }

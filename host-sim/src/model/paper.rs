@@ -21,6 +21,8 @@ pub enum Verdict {
     Reproduced,
     /// Within the rounding of the text, or in quality only.
     Approximately,
+    /// Taken as an input here, because something else follows from it.
+    Input,
     /// Not from the inputs that the paper gives.
     NotReproduced,
 }
@@ -31,6 +33,7 @@ impl Verdict {
         match self {
             Verdict::Reproduced => "reproduced",
             Verdict::Approximately => "approximately",
+            Verdict::Input => "taken as input",
             Verdict::NotReproduced => "not reproduced",
         }
     }
@@ -217,7 +220,7 @@ fn optics() -> Vec<Claim> {
             "0.15 dB for 1 um of lateral offset",
             Some(width),
             "um",
-            Verdict::Reproduced,
+            Verdict::Input,
             format!("fixes the mode radius w at {width:.3} um (mode field diameter {:.2} um)", 2.0 * width),
         ),
         computed(

@@ -1,0 +1,202 @@
+//! `host-sim field`: accuracy of the fibre point over the travel.
+
+use super::Failure;
+use super::common::load;
+use super::sheet::{Sheet, Sizes, Style, positive};
+use crate::machine::Machine;
+use crate::model::{
+    Accuracy, AccuracyOptions, Ensemble, EnsembleStatistics, Motion, MotionAccuracy, Statistics, accuracy,
+    accuracy_figure,
+};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::path::PathBuf;
+use std::sync::Once;
+use std::time::{Duration, Instant};
+
+/// What takes longer shows how far it is.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Print how far the fibre point is from where it should be over linear and over angular motion: maximum, rms,
+/// percentiles and worst pose, before and after compensation, and of ensembles of stages with errors of given size.
+///
+/// Errors are counted in chip axes, in um; `from home` is without the error at home, which alignment there removes.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Machine file (TOML), or `paper` for the built-in machine.
+    machine: PathBuf,
+    /// Poses along each of the three stages that move, 2 to 101.
+    #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u16).range(2..=101))]
+    points: u16,
+    /// X, Y, Z from minus to plus this, um [default: the machine's travel].
+    #[arg(long, value_name = "UM", value_parser = positive)]
+    linear_um: Option<f64>,
+    /// alpha, beta, gamma from minus to plus this, degrees [default: the machine's travel].
+    #[arg(long, value_name = "DEG", value_parser = positive)]
+    angular_deg: Option<f64>,
+    #[command(flatten)]
+    sizes: Sizes,
+    /// Stages of each ensemble, 1 to 100000.
+    #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    stages: u32,
+    /// Seed of chance; the same seed gives the same stages.
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    seed: u64,
+    /// Where Fig. 5 is drawn (SVG).
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Print the fields of the machine, pose by pose, as CSV instead of their statistics.
+    #[arg(long, conflicts_with_all = ["json", "csv"])]
+    poses: bool,
+    #[command(flatten)]
+    style: Style,
+}
+
+impl Args {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let machine = load(&self.machine)?;
+        let options = AccuracyOptions {
+            points: usize::from(self.points),
+            linear_half_um: self.linear_um,
+            angular_half_rad: self.angular_deg.map(f64::to_radians),
+            magnitudes: self.sizes.into(),
+            stages: self.stages as usize,
+            seed: self.seed,
+        };
+        let result = with_progress(&machine, &options);
+        if let Some(path) = &self.output {
+            std::fs::write(path, accuracy_figure(&result))
+                .map_err(|source| Failure::Io { path: path.display().to_string(), source })?;
+        }
+        if self.poses {
+            print!("{}", poses(&result)?);
+            return Ok(());
+        }
+        self.style.print(&result, || sheets(&result))
+    }
+}
+
+/// Two motions, two ensembles. The bar shows on a terminal only, when it takes longer than a second.
+fn with_progress(machine: &Machine, options: &AccuracyOptions) -> Accuracy {
+    let bar = ProgressBar::with_draw_target(Some(4 * options.stages as u64), ProgressDrawTarget::hidden());
+    bar.set_style(
+        ProgressStyle::with_template("{wide_bar} {pos}/{len} stages, {eta} left").expect("the template is valid"),
+    );
+    let (begun, shown) = (Instant::now(), Once::new());
+    let result = accuracy(machine, options, &|| {
+        bar.inc(1);
+        if begun.elapsed() > PATIENCE {
+            shown.call_once(|| bar.set_draw_target(ProgressDrawTarget::stderr()));
+        }
+    });
+    bar.finish_and_clear();
+    result
+}
+
+fn motion_name(motion: Motion) -> &'static str {
+    match motion {
+        Motion::Linear => "linear",
+        Motion::Angular => "angular",
+    }
+}
+
+fn title(part: &MotionAccuracy) -> String {
+    let unit = if part.motion == Motion::Angular { "deg" } else { "um" };
+    let ends: Vec<String> = part.ends_um_deg.iter().map(|[a, b]| format!("{a:.6} to {b:.6}")).collect();
+    let ends = ends.join(", ").replace(".000000", "");
+    format!("{} motion ({ends} {unit}, {} poses each)", motion_name(part.motion), part.points)
+}
+
+fn sheets(result: &Accuracy) -> Vec<Sheet> {
+    let mut all = Vec::new();
+    for part in &result.motions {
+        let header = ["field", "of", "max", "rms", "p50", "p95", "p99", "worst pose (um, deg)"];
+        let mut sheet =
+            Sheet::new(format!("{}, {}: errors in um, rotation in urad", result.machine, title(part)), header);
+        let refused = part.refusal.as_ref().map(|reason| format!("no compensation by the controller: {reason}"));
+        let rows = [
+            ("machine, not compensated", Some(part.machine)),
+            ("the same from home", Some(part.before)),
+            ("compensated by the controller, from home", part.after),
+            ("compensated exactly, from home", part.after_exact),
+            ("all errors of the same sign", Some(part.same_sign)),
+        ];
+        for (name, statistics) in rows.into_iter().filter_map(|(name, s)| s.map(|s| (name, s))) {
+            add(&mut sheet, name, &statistics);
+        }
+        all.push(sheet);
+        if let Some(reason) = refused {
+            let mut sheet = Sheet::new(format!("{} motion, compensation", motion_name(part.motion)), ["reason"]);
+            sheet.row([reason]);
+            all.push(sheet);
+        }
+        let mut gap = Sheet::new(
+            format!("{} motion, what the first-order forms miss at the worst pose, um", motion_name(part.motion)),
+            ["matrices I + [epsilon]x", "sum of single effects"],
+        );
+        gap.row([part.first_order_gap.matrices_um, part.first_order_gap.sum_um].map(|v| format!("{v:.6}")));
+        all.push(gap);
+        let mut sheet = Sheet::new(
+            format!("{} motion, ensembles of {} stages, um", motion_name(part.motion), part.ensembles[0].stages),
+            ["ensemble", "of", "median", "p95", "max"],
+        );
+        part.ensembles.iter().for_each(|ensemble| add_ensemble(&mut sheet, ensemble));
+        all.push(sheet);
+    }
+    all
+}
+
+fn add(sheet: &mut Sheet, field: &str, s: &Statistics) {
+    let parts = [
+        ("abs Ex", s.x_um),
+        ("abs Ey", s.y_um),
+        ("abs Ez", s.z_um),
+        ("abs E", s.norm_um),
+        ("rotation", s.rotation_urad),
+    ];
+    for (of, size) in parts {
+        let pose: Vec<String> = size.worst_pose_um_deg.iter().map(|q| format!("{q:.3}")).collect();
+        let figures = [size.max, size.rms, size.p50, size.p95, size.p99].map(|v| format!("{v:.4}"));
+        let head = [field.to_string(), of.to_string()];
+        sheet.row(head.into_iter().chain(figures).chain([pose.join(" ").replace("-0.000", "0.000")]));
+    }
+}
+
+fn add_ensemble(sheet: &mut Sheet, ensemble: &EnsembleStatistics) {
+    let name = match ensemble.ensemble {
+        Ensemble::SameSign => "same sign",
+        Ensemble::RandomSigns => "random signs",
+        Ensemble::MonteCarlo => "Monte Carlo",
+    };
+    let [x, y, z] = ensemble.max_um;
+    let parts = [
+        ("largest abs Ex", x),
+        ("largest abs Ey", y),
+        ("largest abs Ez", z),
+        ("largest abs E", ensemble.norm_max_um),
+        ("rms of E", ensemble.norm_rms_um),
+    ];
+    for (of, spread) in parts {
+        let figures = [spread.median, spread.p95, spread.max].map(|v| format!("{v:.4}"));
+        sheet.row([name.to_string(), of.to_string()].into_iter().chain(figures));
+    }
+}
+
+/// The fields of the machine, pose by pose.
+fn poses(result: &Accuracy) -> Result<String, Failure> {
+    let axes = ["X_um", "Y_um", "Z_um", "alpha_deg", "beta_deg", "gamma_deg"];
+    let errors = ["Ex_um", "Ey_um", "Ez_um", "rx_rad", "ry_rad", "rz_rad", "after_Ex_um", "after_Ey_um", "after_Ez_um"];
+    let mut sheet = Sheet::new("field", ["motion"].into_iter().chain(axes).chain(errors));
+    for part in &result.motions {
+        let field = &part.fields.machine;
+        for (number, deviation) in field.deviations.iter().enumerate() {
+            let pose = field.grid.pose(number);
+            let pose = (0..6).map(|i| if i < 3 { pose[i] } else { pose[i].to_degrees() }.to_string());
+            let after = part.fields.after.as_ref().map(|after| after.deviations[number].position_um);
+            let after = after.map_or([const { String::new() }; 3], |e| e.map(|v| v.to_string()));
+            let e = [deviation.position_um, deviation.rotation_rad];
+            let e = e.as_flattened().iter().map(|v| v.to_string());
+            sheet.row(std::iter::once(motion_name(part.motion).to_string()).chain(pose).chain(e).chain(after));
+        }
+    }
+    sheet.csv()
+}
