@@ -11,12 +11,13 @@ pub(super) fn section(claims: &[Claim]) -> Section {
         Verdict::Reproduced => "yes",
         Verdict::Approximately => "partly",
         Verdict::NotReproduced => "no",
+        Verdict::Input => "given",
     };
     let body = html! {
         p.lead {
-            "Of " (claims.len()) " statements of the paper that can be set beside the model, "
-            strong { (count(Verdict::Reproduced)) " are reproduced" } ", " (count(Verdict::Approximately))
-            " approximately, " (count(Verdict::NotReproduced)) " are not."
+            "Of " (claims.len()) " statements of the paper " strong { (count(Verdict::Reproduced)) " are reproduced" } ", "
+            (count(Verdict::Approximately)) " approximately, " (count(Verdict::NotReproduced)) " are not, "
+            (count(Verdict::Input)) " are inputs."
         }
         p.note {
             "Computed from the inputs that the paper prints, on its own stage (built in as \u{201c}paper\u{201d}), whatever \
