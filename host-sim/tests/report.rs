@@ -2,7 +2,7 @@
 
 use host_sim::board::{Board, Interleaving};
 use host_sim::calibrate::calibrate;
-use host_sim::machine::Machine;
+use host_sim::machine::{Machine, StaticErrors};
 use host_sim::report::{CompensatedStage, Mode, Report, render, short};
 use host_sim::session::power_up;
 use scraper::{ElementRef, Html, Selector};
@@ -53,9 +53,33 @@ fn reports() -> &'static [(Machine, Report)] {
     &REPORTS
 }
 
-/// Those of a machine that nothing can compensate and of one with errors that the law does not know.
-fn odd_reports() -> &'static [Report; 2] {
-    static REPORTS: LazyLock<[Report; 2]> = LazyLock::new(|| [report(&carried()), report(&with_kinematic_errors())]);
+/// A machine without errors and backlash whose name has letters that HTML gives a meaning.
+fn perfect() -> Machine {
+    let text = changed("name = \"paper\"", "name = \"<p> & 'c'\"");
+    let text: Vec<String> = text
+        .lines()
+        .map(|line| match line.split_once(" = ") {
+            Some((key, _)) if StaticErrors::NAMES.contains(&key) || key.starts_with("backlash") => {
+                format!("{key} = 0.0")
+            }
+            _ => line.into(),
+        })
+        .collect();
+    Machine::parse(&text.join("\n")).unwrap()
+}
+
+/// A machine whose travel lies to one side, for X even beside home, and with F on all its axes.
+fn lopsided() -> Machine {
+    let text = changed("travel_um = [-5000.0, 5000.0]", "travel_um = [1000.0, 9000.0]");
+    let text = text.replace("travel_deg = [-3.0, 3.0]", "travel_deg = [0.0, 0.3]");
+    Machine::parse(&text.replace("[875.0, 100.0, 500.0]", "[0.0, 0.0, 0.0]")).unwrap()
+}
+
+/// Those of machines out of the ordinary: one that nothing can compensate, one with errors that the law does not know,
+/// one without errors, one with its travel to one side.
+fn odd_reports() -> &'static [Report; 4] {
+    static REPORTS: LazyLock<[Report; 4]> =
+        LazyLock::new(|| [carried(), with_kinematic_errors(), perfect(), lopsided()].map(|machine| report(&machine)));
     &REPORTS
 }
 
@@ -239,6 +263,33 @@ fn all_of_the_compensation_leaves_less_than_any_part_of_it() {
         let play = (0..3).map(|i| machine.drives[i].backlash.powi(2)).sum::<f64>().sqrt() * 1e-3;
         assert!((scan.runs[0].position_um.max - play).abs() < 0.1 * play, "{name}");
         assert!(scan.runs[1].position_um.max < 0.1 * play, "{name}");
+    }
+}
+
+#[test]
+fn a_machine_without_errors_needs_no_more_than_its_rotation_centre() {
+    let travel = odd_reports()[2].travel.as_ref().unwrap();
+    for result in &travel.tracks {
+        let [none, backlash, coupling, pivot, all] = [0, 1, 2, 3, 4].map(|k| result.runs[k].position_um.max);
+        assert_eq!(pivot, all, "{}", result.track.name);
+        // no play: the overlay does nothing, and neither does a coupling of nothing but for whole steps
+        assert_eq!(none, backlash, "{}", result.track.name);
+        assert!((none - coupling).abs() < 0.05, "{}", result.track.name);
+        assert!(all < 0.05, "{}", result.track.name);
+    }
+}
+
+#[test]
+fn every_stop_lies_within_the_travel() {
+    for report in [&odd_reports()[3], &reports()[0].1] {
+        for result in &report.travel.as_ref().unwrap().tracks[..6] {
+            let axis = report.stage.axes.iter().find(|axis| axis.name == result.track.name).unwrap();
+            let along = &result.track.along;
+            let ends = [along.iter().copied().fold(f64::MAX, f64::min), along.iter().copied().fold(f64::MIN, f64::max)];
+            let [lower, upper] = axis.travel;
+            assert!(ends[0] >= lower - 1e-9 && ends[1] <= upper + 1e-9, "{}: {ends:?}", axis.name);
+            assert!(result.track.share_of_travel > 0.9 && ends[1] - ends[0] > 0.9 * (upper - lower), "{}", axis.name);
+        }
     }
 }
 

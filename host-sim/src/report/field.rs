@@ -12,6 +12,8 @@ use serde::Serialize;
 const STAGES: usize = 100;
 /// How often a report tells its progress: two motions with two ensembles each, nearly all of its time.
 pub const PROGRESS_STEPS: u64 = 4 * STAGES as u64;
+/// Errors that differ by less are drawn as one, um: rounding of the computation.
+const FLAT_UM: f64 = 1e-7;
 /// Colours of a map.
 const LEVELS: usize = 16;
 
@@ -193,7 +195,7 @@ fn plane(map: &Map, ends_um: [f64; 2], unit: &str) -> Markup {
 }
 
 fn level(value: f64, [least, largest]: [f64; 2]) -> usize {
-    let share = if largest > least { (value - least) / (largest - least) } else { 0.0 };
+    let share = if largest - least > FLAT_UM { (value - least) / (largest - least) } else { 0.0 };
     ((share * LEVELS as f64) as usize).min(LEVELS - 1)
 }
 
@@ -211,7 +213,7 @@ fn key(ends_um: [f64; 2]) -> Markup {
             rect style=(colour(n)) shape-rendering="crispEdges" x="0" y=(px(top)) width="14" height=(px(height)) {}
         }
         (rectangle("frame", [0.0, 0.0], [14.0, 210.0]))
-        @if ends_um[1] > ends_um[0] {
+        @if ends_um[1] - ends_um[0] > FLAT_UM {
             @for (value, name) in up.ticks() {
                 (line("mark", [14.0, up.at(value)], [18.0, up.at(value)]))
                 (text("tick", [21.0, up.at(value) + 3.5], &name))

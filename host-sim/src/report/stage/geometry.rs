@@ -24,7 +24,7 @@ pub(super) fn draw(stage: &StageFacts) -> Markup {
     let rotary: Vec<(&AxisFacts, [f64; 3])> =
         stage.axes.iter().filter_map(|axis| axis.point_mm.map(|point| (axis, point))).collect();
     let fibre = stage.fibre_home_mm;
-    let reach = rotary.iter().map(|(_, point)| *point).chain([fibre]).flatten().map(f64::abs).fold(1e-6, f64::max);
+    let reach = rotary.iter().map(|(_, point)| *point).chain([fibre]).flatten().map(f64::abs).fold(1e-2, f64::max);
     let half = 0.42 * reach;
     let ends: Vec<[[f64; 3]; 2]> =
         rotary.iter().map(|(axis, point)| [-half, half].map(|t| plus(*point, axis.direction, t))).collect();

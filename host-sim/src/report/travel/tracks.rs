@@ -122,11 +122,12 @@ impl<'a> Room<'a> {
         (Track { name, kind: Kind::Poses, share_of_travel, unit: "number", along }, poses)
     }
 
-    /// A pose at a share of the travel about home; None leaves an axis at home. Whole nm and nrad.
+    /// A pose at a share of the travel about its middle; None leaves an axis at home. Whole nm and nrad.
     fn at(&self, share: f64, way: impl Fn(Axis) -> Option<f64>) -> [f64; AXES] {
         Axis::ALL.map(|axis| {
             let [lower, upper] = self.machine.drives[axis.index()].travel;
-            way(axis).map_or(0.0, |way| ((lower + (upper - lower) * way) * share).round())
+            let (middle, half) = (0.5 * (lower + upper), 0.5 * (upper - lower));
+            way(axis).map_or(0.0, |way| middle + half * share * (2.0 * way - 1.0)).clamp(lower, upper).round()
         })
     }
 }
