@@ -168,3 +168,13 @@ fn a_constant_is_the_same_everywhere() {
     let f = Function::constant(0.3);
     assert!([-1e9, 0.0, 7.0].iter().all(|&q| f.value(q) == 0.3));
 }
+
+#[test]
+fn the_example_of_the_documentation_means_what_it_says() {
+    let text = include_str!("../../docs/ERRORS.md");
+    let example = text.split("```toml\n").nth(1).unwrap().split("```").next().unwrap();
+    let k = kinematic(example);
+    assert!((value(&k, "EXX", 125.0) - 0.05).abs() < 1e-12);
+    assert!((value(&k, "EYX", -2500.0) - 0.1).abs() < 1e-12 && (value(&k, "EYX", 9000.0) + 0.1).abs() < 1e-12);
+    assert!((value(&k, "EBX", 1000.0) - 2e-6).abs() < 1e-15);
+}

@@ -2,13 +2,14 @@
 
 use super::Failure;
 use super::common::load;
-use super::sheet::{Sheet, Sizes, Style, positive};
+use super::sheet::{Sheet, Sizes, Style, numbers, positive, three};
 use crate::machine::Machine;
 use crate::model::{
-    Accuracy, AccuracyOptions, Ensemble, EnsembleStatistics, Motion, MotionAccuracy, Statistics, accuracy,
-    accuracy_figure,
+    Accuracy, AccuracyOptions, Ensemble, EnsembleStatistics, ErrorModel, FirstOrderGap, Motion, MotionAccuracy,
+    Statistics, accuracy, accuracy_figure,
 };
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::Once;
 use std::time::{Duration, Instant};
@@ -44,16 +45,30 @@ pub struct Args {
     /// Where Fig. 5 is drawn (SVG).
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    /// The point F in the fibre array frame, um, such as 875,100,500 [default: the machine's].
+    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
+    fibre_point_um: Option<[f64; 3]>,
+    /// Only the error of the machine, not compensated, at this pose (um and degrees); may be given again.
+    #[arg(long, value_name = "X,Y,Z,ALPHA,BETA,GAMMA", value_parser = numbers::<6>, allow_hyphen_values = true,
+          conflicts_with_all = ["output", "dump"])]
+    pose: Vec<[f64; 6]>,
     /// Print the fields of the machine, pose by pose, as CSV instead of their statistics.
     #[arg(long, conflicts_with_all = ["json", "csv"])]
-    poses: bool,
+    dump: bool,
     #[command(flatten)]
     style: Style,
 }
 
 impl Args {
     pub(super) fn run(self) -> Result<(), Failure> {
-        let machine = load(&self.machine)?;
+        let mut machine = load(&self.machine)?;
+        if let Some(point) = self.fibre_point_um {
+            machine.fibre_point_nm = point.map(|v| v * 1e3);
+        }
+        if !self.pose.is_empty() {
+            let report = at_poses(&machine, &self.pose);
+            return self.style.print(&report, || vec![pose_sheet(&report)]);
+        }
         let options = AccuracyOptions {
             points: usize::from(self.points),
             linear_half_um: self.linear_um,
@@ -67,7 +82,7 @@ impl Args {
             std::fs::write(path, accuracy_figure(&result))
                 .map_err(|source| Failure::Io { path: path.display().to_string(), source })?;
         }
-        if self.poses {
+        if self.dump {
             print!("{}", poses(&result)?);
             return Ok(());
         }
@@ -90,6 +105,64 @@ fn with_progress(machine: &Machine, options: &AccuracyOptions) -> Accuracy {
     });
     bar.finish_and_clear();
     result
+}
+
+/// The error at one pose.
+#[derive(Serialize)]
+struct AtPose {
+    pose_um_deg: [f64; 6],
+    /// Actual minus ideal, chip axes, um.
+    #[serde(rename = "E_um")]
+    error_um: [f64; 3],
+    /// Rotation vector from the ideal to the actual orientation, chip axes, rad.
+    rotation_rad: [f64; 3],
+    /// Sum of the effects of the single errors, um.
+    #[serde(rename = "E_first_order_um")]
+    first_order_um: [f64; 3],
+    first_order_gap: FirstOrderGap,
+}
+
+#[derive(Serialize)]
+struct Poses {
+    machine: String,
+    #[serde(rename = "F")]
+    fibre_point_um: [f64; 3],
+    poses: Vec<AtPose>,
+}
+
+fn at_poses(machine: &Machine, poses: &[[f64; 6]]) -> Poses {
+    let model = ErrorModel::of(machine);
+    let at_pose = |&pose_um_deg: &[f64; 6]| {
+        let [x, y, z, a, b, g] = pose_um_deg;
+        let at = [x, y, z, a.to_radians(), b.to_radians(), g.to_radians()];
+        let error = model.error_at(at);
+        AtPose {
+            pose_um_deg,
+            error_um: error.position_um,
+            rotation_rad: error.rotation_rad,
+            first_order_um: model.first_order(at, model.fibre_point_um).position_um,
+            first_order_gap: model.first_order_gap(at, model.fibre_point_um),
+        }
+    };
+    Poses {
+        machine: machine.name.clone(),
+        fibre_point_um: model.fibre_point_um,
+        poses: poses.iter().map(at_pose).collect(),
+    }
+}
+
+fn pose_sheet(report: &Poses) -> Sheet {
+    let [fx, fy, fz] = report.fibre_point_um;
+    let header = ["pose (um, deg)", "Ex", "Ey", "Ez", "rx urad", "ry urad", "rz urad", "first order misses"];
+    let mut sheet = Sheet::new(format!("{}, F = ({fx}, {fy}, {fz}) um: errors in um", report.machine), header);
+    for at in &report.poses {
+        let pose = at.pose_um_deg.map(|q| q.to_string()).join(" ");
+        let e = at.error_um.map(|v| format!("{v:.6}"));
+        let r = at.rotation_rad.map(|v| format!("{:.4}", v * 1e6));
+        let gap = format!("{:.6}", at.first_order_gap.sum_um);
+        sheet.row([pose].into_iter().chain(e).chain(r).chain([gap]));
+    }
+    sheet
 }
 
 fn motion_name(motion: Motion) -> &'static str {

@@ -1,6 +1,7 @@
 //! A table of text, as Markdown or as CSV.
 
 use super::Failure;
+use crate::machine::FARTHEST_UM;
 
 /// A titled table.
 #[derive(Clone, Debug, Default)]
@@ -82,10 +83,19 @@ impl Style {
     }
 }
 
-/// Three numbers, written `1,2,3`.
-pub fn three(text: &str) -> Result<[f64; 3], String> {
+/// So many finite numbers, written `1,2,3`.
+pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let numbers: Vec<f64> = text.split(',').map(finite).collect::<Result<_, _>>()?;
-    numbers.try_into().map_err(|_| format!("{text:?} is not three numbers with commas between"))
+    numbers.try_into().map_err(|_| format!("{text:?} is not {N} numbers with commas between"))
+}
+
+/// A point, um, as far from home as a machine file may say.
+pub fn three(text: &str) -> Result<[f64; 3], String> {
+    let point: [f64; 3] = numbers(text)?;
+    match point.into_iter().find(|v| v.abs() > FARTHEST_UM) {
+        Some(far) => Err(format!("{far} um is farther than {FARTHEST_UM} um")),
+        None => Ok(point),
+    }
 }
 
 /// A finite number.

@@ -24,7 +24,7 @@ pub struct Args {
     order: Vec<Order>,
     /// Any tree: for each body from 1, the chip, to the last, the fibre array, its joint (an axis, or `-` for none) and
     /// the body on which it stands (0 is the base), such as "-:0 Z:0 X:2 Y:3 gamma:4 beta:5 alpha:6 -:7".
-    #[arg(long, value_name = "BODIES", value_parser = tree)]
+    #[arg(long, value_name = "BODIES", value_parser = tree, allow_hyphen_values = true)]
     tree: Vec<Tree>,
     #[command(flatten)]
     style: Style,

@@ -16,7 +16,7 @@ const LARGEST_BACKLASH_STEPS: f64 = 1_048_576.0;
 /// Largest velocity, acceleration or jerk, nm or nrad per s, s^2, s^3; each has its own smaller limit in the block.
 const LARGEST_RATE: f64 = 1e15;
 /// Farthest that a position in the file may lie, um: a sixteenth of a nanometre of it fits 31 bits.
-const FARTHEST_UM: f64 = 67_000.0;
+pub const FARTHEST_UM: f64 = 67_000.0;
 
 /// So many numbers, no fewer and no more.
 #[derive(Clone, Copy, Debug, Deserialize)]

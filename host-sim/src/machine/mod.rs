@@ -6,7 +6,7 @@
 mod file;
 mod kinematic;
 
-pub use file::MachineFile;
+pub use file::{FARTHEST_UM, MachineFile};
 pub use kinematic::{Component, ErrorName, Function, Kinematic, LARGEST_KINEMATIC_UM};
 
 use serde::Deserialize;

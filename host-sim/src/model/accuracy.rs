@@ -1,10 +1,8 @@
 //! The accuracy of a machine over its travel, all of it: what `host-sim field` prints and draws.
 
+use super::ensemble::{Ensemble, EnsembleStatistics, ensemble};
 use super::errors::ErrorModel;
-use super::field::{
-    Compensation, Ensemble, EnsembleStatistics, Field, Grid, Motion, Statistics, compensated_field, ensemble,
-    error_field, statistics,
-};
+use super::field::{Compensation, Field, Grid, Motion, Statistics, compensated_field, error_field, statistics};
 use super::propagation::{Deviation, FirstOrderGap};
 use super::sensitivity::Magnitudes;
 use crate::machine::Machine;

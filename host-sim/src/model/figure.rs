@@ -16,7 +16,7 @@ const SHADES: usize = 48;
 /// Contour lines of a panel.
 const CONTOURS: usize = 5;
 /// A field that varies by less than this is drawn as constant, um.
-const FLAT: f64 = 1e-7;
+const FLAT: f64 = 5e-5;
 /// From low to high, equally far from each other, dark to light so that it can be read without colour.
 const COLOURS: [[f64; 3]; 5] =
     [[68.0, 1.0, 84.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];

@@ -3,6 +3,7 @@
 
 mod accuracy;
 mod chain;
+mod ensemble;
 mod errors;
 mod field;
 mod figure;
@@ -16,10 +17,10 @@ mod topology;
 
 pub use accuracy::{Accuracy, AccuracyOptions, Fields, MotionAccuracy, accuracy};
 pub use chain::{Chain, Screw};
+pub use ensemble::{Ensemble, EnsembleStatistics, Spread, ensemble};
 pub use errors::{ErrorModel, Form, Frame, Positions, SixErrors};
 pub use field::{
-    Compensation, Ensemble, EnsembleStatistics, Field, Grid, Motion, Size, Spread, Statistics, compensated_field,
-    ensemble, error_field, percentile, statistics,
+    Compensation, Field, Grid, Motion, Size, Statistics, compensated_field, error_field, percentile, statistics,
 };
 pub use figure::{FigureRow, accuracy_figure, figure};
 pub use paper::{Claim, Verdict, paper_claims};

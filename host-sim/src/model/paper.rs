@@ -1,6 +1,7 @@
 //! The numbers that the paper (doi 10.1177/1687814015589503) prints, each beside what this model gives for its inputs.
 
-use super::field::{Ensemble, Grid, Motion, error_field, statistics};
+use super::ensemble::Ensemble;
+use super::field::{Grid, Motion, error_field, statistics};
 use super::sensitivity::{Background, Magnitudes, Options, Sensitivity, sensitivity};
 use crate::machine::Machine;
 use serde::Serialize;
