@@ -12,6 +12,7 @@ pub mod machine;
 pub mod manual;
 pub mod measure;
 pub mod model;
+pub mod report;
 pub mod server;
 pub mod session;
 pub mod twin;

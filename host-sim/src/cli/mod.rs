@@ -9,6 +9,7 @@ mod load;
 mod manual;
 mod measure;
 mod move_pose;
+mod report;
 mod sensitivity;
 mod serve;
 mod sheet;
@@ -38,6 +39,7 @@ enum Command {
     Manual(manual::Args),
     Load(load::Args),
     Move(move_pose::Args),
+    Report(report::Args),
     Trace(trace::Args),
     Bench(bench::Args),
     Topology(topology::Args),
@@ -83,6 +85,7 @@ pub fn main() -> ExitCode {
         Command::Manual(args) => args.run(),
         Command::Load(args) => args.run(),
         Command::Move(args) => args.run(),
+        Command::Report(args) => args.run(),
         Command::Trace(args) => args.run(),
         Command::Bench(args) => args.run(),
         Command::Topology(args) => args.run(),

@@ -193,6 +193,13 @@ impl Mechanics {
         }
     }
 
+    /// Turns every motor straight to a count, as any words do that never turn one back on the way.
+    pub fn run_to(&mut self, motors: MotorSteps) {
+        for (drive, count) in self.drives.iter_mut().zip(motors.0) {
+            drive.turn(count - drive.motor);
+        }
+    }
+
     /// Ticks played.
     pub fn ticks(&self) -> u64 {
         self.ticks
