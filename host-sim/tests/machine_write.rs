@@ -2,7 +2,7 @@
 
 mod stage;
 
-use host_sim::machine::{Machine, to_toml, to_toml_with};
+use host_sim::machine::{ErrorName, Function, Machine, to_toml, to_toml_with};
 use stage::{Dice, GOLDEN, golden};
 
 #[test]
@@ -37,6 +37,19 @@ fn any_machine_keeps_its_numbers_to_the_last_digit_but_one() {
         // from then on nothing changes any more
         assert_eq!(Machine::parse(&to_toml(&read)).unwrap(), read);
     }
+}
+
+#[test]
+fn kinematic_errors_of_every_form_are_written() {
+    let mut machine = Machine::paper();
+    for (n, name) in ErrorName::all().enumerate().filter(|(n, _)| n % 5 == 0) {
+        let reach = if name.axis.is_rotary() { 3.0 } else { 4000.0 };
+        let table = vec![[-reach, 1e-7], [reach, 3e-6]];
+        let all = Function::new(vec![0.0, 1.5e-9], table, vec![[reach / 8.0, 0.0, 2.5e-6]]).unwrap();
+        machine.kinematic.set(name, if n % 2 == 0 { all } else { Function::constant(1e-5) });
+    }
+    let text = to_toml(&machine);
+    assert_eq!(Machine::parse(&text).expect(&text), machine, "{text}");
 }
 
 #[test]

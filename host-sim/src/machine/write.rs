@@ -1,7 +1,7 @@
 //! Writes machine files: complete, with units, read back as the same machine.
 
 use super::file::NRAD_PER_DEG;
-use super::{Machine, StaticErrors};
+use super::{ErrorName, Function, Machine, StaticErrors};
 use stage_controller::units::Axis;
 use std::fmt::Write;
 
@@ -45,7 +45,24 @@ pub fn to_toml_with(machine: &Machine, header: &[String], note: impl Fn(&str) ->
         line(format!("offset_um = {}", row(mount.offset_nm, 1e3)), &format!("mount.{name}.offset_um"));
         line(format!("rot_rad = {}", row(mount.rotation_rad, 1.0)), &format!("mount.{name}.rot_rad"));
     }
-    // kinematic errors, functions of position, stand here: one table for each axis
+    for axis in Axis::ALL {
+        let given: Vec<_> = ErrorName::all()
+            .filter(|name| name.axis == axis)
+            .map(|name| (name.iso(), machine.kinematic.get(name)))
+            .filter(|(_, function)| !function.is_absent())
+            .collect();
+        if given.is_empty() {
+            continue;
+        }
+        let (name, unit) = (axis.name(), if axis.is_rotary() { "deg" } else { "um" });
+        line(
+            format!("\n[kinematic.{name}]  # functions of the position in {unit}: um, and rad for rotations"),
+            &format!("kinematic.{name}"),
+        );
+        for (error, function) in given {
+            line(format!("{error} = {{ {} }}", forms(function)), &format!("kinematic.{name}.{error}"));
+        }
+    }
     for axis in Axis::ALL {
         let (fine, coarse, scale) = if axis.is_rotary() { ("nrad", "deg", NRAD_PER_DEG) } else { ("nm", "um", 1e3) };
         let (name, drive) = (axis.name(), &machine.drives[axis.index()]);
@@ -60,6 +77,21 @@ pub fn to_toml_with(machine: &Machine, header: &[String], note: impl Fn(&str) ->
         entry(format!("max_jerk_{coarse}_s3"), number(drive.jerk, scale));
     }
     text
+}
+
+/// The forms of a kinematic error that are given.
+fn forms(function: &Function) -> String {
+    fn rows<const N: usize>(rows: &[[f64; N]]) -> String {
+        rows.iter().map(|values| row(*values, 1.0)).collect::<Vec<_>>().join(", ")
+    }
+    let (poly, table, fourier) = function.parts();
+    let poly = poly.iter().map(|c| number(*c, 1.0)).collect::<Vec<_>>().join(", ");
+    [("poly", poly), ("table", rows(table)), ("fourier", rows(fourier))]
+        .into_iter()
+        .filter(|(_, values)| !values.is_empty())
+        .map(|(form, values)| format!("{form} = [{values}]"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 fn row<const N: usize>(values: [f64; N], scale: f64) -> String {
