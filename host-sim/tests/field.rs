@@ -2,7 +2,8 @@
 
 use host_sim::machine::Machine;
 use host_sim::model::{
-    Deviation, Ensemble, ErrorModel, Field, Grid, Magnitudes, Motion, ensemble, error_field, percentile, statistics,
+    AccuracyOptions, Deviation, Ensemble, ErrorModel, Field, Grid, Magnitudes, Motion, accuracy, ensemble, error_field,
+    percentile, statistics,
 };
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
@@ -113,14 +114,14 @@ fn a_monte_carlo_stage_is_free_of_kinematic_errors_at_home_and_within_its_magnit
 }
 
 #[test]
-fn every_stage_is_told_once_to_who_waits() {
+fn every_field_is_told_once_to_who_waits() {
     let told = std::sync::atomic::AtomicUsize::new(0);
     let count = || {
         told.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
     };
-    let grid = Grid::symmetric(Motion::Linear, 5e3, 2);
-    ensemble(&Machine::paper(), Ensemble::RandomSigns, &Magnitudes::default(), &grid, 17, 1, &count);
-    assert_eq!(told.into_inner(), 17);
+    let options = AccuracyOptions { points: 2, stages: 17, ..AccuracyOptions::default() };
+    accuracy(&Machine::paper(), &options, &count);
+    assert_eq!((told.into_inner(), options.fields()), (76, 76));
 }
 
 #[test]

@@ -74,6 +74,9 @@ fn several_forms_are_added() {
         "[kinematic.Z]\nEAZ = {poly = [1e-6], table = [[0, 2e-6], [1000, 2e-6]], fourier = [[100, 4e-6, 0]]}",
     );
     assert!((value(&k, "EAZ", 0.0) - 7e-6).abs() < 1e-20);
+    let (poly, table, fourier) = k.get(named("EAZ")).parts();
+    let again = Function::new(poly.to_vec(), table.to_vec(), fourier.to_vec()).unwrap();
+    assert_eq!(&again, k.get(named("EAZ")));
 }
 
 #[test]

@@ -90,11 +90,11 @@ impl Args {
     }
 }
 
-/// Two motions, two ensembles. The bar shows on a terminal only, when it takes longer than a second.
+/// The analysis. The bar shows on a terminal only, when it takes longer than a second.
 fn with_progress(machine: &Machine, options: &AccuracyOptions) -> Accuracy {
-    let bar = ProgressBar::with_draw_target(Some(4 * options.stages as u64), ProgressDrawTarget::hidden());
+    let bar = ProgressBar::with_draw_target(Some(options.fields() as u64), ProgressDrawTarget::hidden());
     bar.set_style(
-        ProgressStyle::with_template("{wide_bar} {pos}/{len} stages, {eta} left").expect("the template is valid"),
+        ProgressStyle::with_template("{wide_bar} {pos}/{len} fields, {eta} left").expect("the template is valid"),
     );
     let (begun, shown) = (Instant::now(), Once::new());
     let result = accuracy(machine, options, &|| {

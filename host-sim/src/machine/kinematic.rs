@@ -104,6 +104,11 @@ impl Function {
         }
     }
 
+    /// Its coefficients of rising powers, the entries of its table, its harmonics: what [`Function::new`] takes.
+    pub fn parts(&self) -> (&[f64], &[[f64; 2]], &[[f64; 3]]) {
+        (&self.poly, &self.table, &self.fourier)
+    }
+
     /// True when nothing is given: the error is zero everywhere.
     pub fn is_absent(&self) -> bool {
         self.poly.is_empty() && self.table.is_empty() && self.fourier.is_empty()

@@ -9,6 +9,9 @@ use crate::machine::Machine;
 use serde::Serialize;
 use stage_controller::units::AXES;
 
+/// Fields of a motion beside those of its two ensembles.
+const FIELDS: usize = 4;
+
 /// What an analysis of accuracy assumes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AccuracyOptions {
@@ -40,6 +43,11 @@ impl Default for AccuracyOptions {
 }
 
 impl AccuracyOptions {
+    /// How many fields an analysis computes: what an indicator of progress counts.
+    pub fn fields(&self) -> usize {
+        2 * (FIELDS + 2 * self.stages)
+    }
+
     /// The poses of a motion.
     pub fn grid(&self, machine: &Machine, motion: Motion) -> Grid {
         let half = match motion {
@@ -112,7 +120,8 @@ pub struct Accuracy {
     pub motions: [MotionAccuracy; 2],
 }
 
-/// Fields, ensembles and what compensation leaves. `progress` is called for each of the `4 · stages` stages computed.
+/// Fields, ensembles and what compensation leaves. `progress` is called, by several threads, after each of the
+/// [`AccuracyOptions::fields`] fields.
 pub fn accuracy(machine: &Machine, options: &AccuracyOptions, progress: &(dyn Fn() + Sync)) -> Accuracy {
     let model = ErrorModel::of(machine);
     Accuracy {
@@ -134,10 +143,14 @@ fn motion_accuracy(
     let grid = options.grid(machine, motion);
     let home: Deviation = model.error_at([0.0; AXES]);
     let field = error_field(model, &grid);
+    progress();
     let before = field.clone().from_home(&home);
     let after = compensated_field(machine, model, &grid, Compensation::Controller);
+    progress();
     let exact = compensated_field(machine, model, &grid, Compensation::Exact).ok();
+    progress();
     let same = error_field(&Ensemble::SameSign.stage(machine, &options.magnitudes, &grid, 0, 0), &grid);
+    progress();
     let of_machine = statistics(&field);
     let ensembles = [Ensemble::RandomSigns, Ensemble::MonteCarlo]
         .map(|kind| ensemble(machine, kind, &options.magnitudes, &grid, options.stages, options.seed, progress));

@@ -194,7 +194,7 @@ impl Chain {
 
 /// Vector of static errors of the last joint of `upstream`. A squareness S_AB sits on whichever of A
 /// and B comes later in the chain, about the third axis.
-pub(super) fn static_vector(errors: &StaticErrors, upstream: &[Axis]) -> Vector3<f64> {
+pub(crate) fn static_vector(errors: &StaticErrors, upstream: &[Axis]) -> Vector3<f64> {
     let Some((&axis, before)) = upstream.split_last() else {
         return Vector3::zeros();
     };
