@@ -1,10 +1,16 @@
-//! What several subcommands begin with: a machine, a homed front, a board.
+//! What several subcommands begin with: a machine, a homed front, a board; and how they show progress.
 
 use super::Failure;
 use crate::board::{Board, Interleaving};
 use crate::machine::{Machine, MachineError};
 use crate::session::power_up;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::path::Path;
+use std::sync::Once;
+use std::time::{Duration, Instant};
+
+/// What takes longer shows a bar.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 /// A machine file, or the built-in machine by its name when there is no such file.
 pub fn load(path: &Path) -> Result<Machine, Failure> {
@@ -25,4 +31,20 @@ pub fn board(machine: &Machine, cold: bool) -> Result<Board, Failure> {
     let mut board = Board::new(machine, front, Interleaving::Prompt, 0);
     board.settle();
     Ok(board)
+}
+
+/// Work that calls back `total` times, from any thread. On a terminal a bar shows when it takes longer than a second.
+pub fn with_progress<T>(total: u64, things: &str, work: impl FnOnce(&(dyn Fn() + Sync)) -> T) -> T {
+    let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::hidden());
+    let template = format!("{{wide_bar}} {{pos}}/{{len}} {things}, {{eta}} left");
+    bar.set_style(ProgressStyle::with_template(&template).expect("the template is valid"));
+    let (begun, shown) = (Instant::now(), Once::new());
+    let result = work(&|| {
+        bar.inc(1);
+        if begun.elapsed() > PATIENCE {
+            shown.call_once(|| bar.set_draw_target(ProgressDrawTarget::stderr()));
+        }
+    });
+    bar.finish_and_clear();
+    result
 }

@@ -1,21 +1,15 @@
 //! `host-sim field`: accuracy of the fibre point over the travel.
 
 use super::Failure;
-use super::common::load;
+use super::common::{load, with_progress};
 use super::sheet::{Sheet, Sizes, Style, numbers, positive, three};
 use crate::machine::Machine;
 use crate::model::{
     Accuracy, AccuracyOptions, Ensemble, EnsembleStatistics, ErrorModel, FirstOrderGap, Motion, MotionAccuracy,
     Statistics, accuracy, accuracy_figure,
 };
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 use std::path::PathBuf;
-use std::sync::Once;
-use std::time::{Duration, Instant};
-
-/// What takes longer shows how far it is.
-const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Print how far the fibre point is from where it should be over linear and over angular motion: maximum, rms,
 /// percentiles and worst pose, before and after compensation, and of ensembles of stages with errors of given size.
@@ -77,7 +71,8 @@ impl Args {
             stages: self.stages as usize,
             seed: self.seed,
         };
-        let result = with_progress(&machine, &options);
+        let result =
+            with_progress(options.fields() as u64, "fields", |progress| accuracy(&machine, &options, progress));
         if let Some(path) = &self.output {
             std::fs::write(path, accuracy_figure(&result))
                 .map_err(|source| Failure::Io { path: path.display().to_string(), source })?;
@@ -88,23 +83,6 @@ impl Args {
         }
         self.style.print(&result, || sheets(&result))
     }
-}
-
-/// The analysis. The bar shows on a terminal only, when it takes longer than a second.
-fn with_progress(machine: &Machine, options: &AccuracyOptions) -> Accuracy {
-    let bar = ProgressBar::with_draw_target(Some(options.fields() as u64), ProgressDrawTarget::hidden());
-    bar.set_style(
-        ProgressStyle::with_template("{wide_bar} {pos}/{len} fields, {eta} left").expect("the template is valid"),
-    );
-    let (begun, shown) = (Instant::now(), Once::new());
-    let result = accuracy(machine, options, &|| {
-        bar.inc(1);
-        if begun.elapsed() > PATIENCE {
-            shown.call_once(|| bar.set_draw_target(ProgressDrawTarget::stderr()));
-        }
-    });
-    bar.finish_and_clear();
-    result
 }
 
 /// The error at one pose.

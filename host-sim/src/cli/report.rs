@@ -1,9 +1,8 @@
 //! `host-sim report`: everything about a machine on one page.
 
 use super::Failure;
-use super::common::load;
-use crate::report::{PROGRESS_STEPS, Report, render};
-use indicatif::ProgressBar;
+use super::common::{load, with_progress};
+use crate::report::{Report, render};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -31,10 +30,9 @@ impl Args {
             writable(path)?;
         }
         let file = self.machine.file_name().map_or_else(|| machine.name.clone(), |name| name.to_string_lossy().into());
-        // on standard error, and only where that is a terminal
-        let bar = ProgressBar::new(PROGRESS_STEPS);
-        let report = Report::new(&machine, &file, self.date.as_deref(), &|| bar.inc(1));
-        bar.finish_and_clear();
+        let report = with_progress(Report::progress_steps(), "fields", |progress| {
+            Report::new(&machine, &file, self.date.as_deref(), progress)
+        });
         if let Some(path) = &self.output {
             let page = render(&report);
             replace(path, page.as_bytes())

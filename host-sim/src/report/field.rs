@@ -8,10 +8,6 @@ use crate::model::{Accuracy, AccuracyOptions, Ensemble, Field, Motion, MotionAcc
 use maud::{Markup, html};
 use serde::Serialize;
 
-/// Stages of each ensemble.
-const STAGES: usize = 100;
-/// How often a report tells its progress: two motions with two ensembles each, nearly all of its time.
-pub const PROGRESS_STEPS: u64 = 4 * STAGES as u64;
 /// Errors that differ by less are drawn as one, um: rounding of the computation.
 const FLAT_UM: f64 = 1e-7;
 /// Colours of a map.
@@ -44,7 +40,7 @@ pub struct Maps {
 pub struct Fields {
     /// How many of the 36 errors of the stages the machine file gives.
     pub kinematic_errors_given: usize,
-    /// What `host-sim field` prints.
+    /// What `host-sim field` prints without further options.
     pub accuracy: Accuracy,
     /// Planes through home, linear and angular motion.
     pub maps: [Maps; 2],
@@ -52,7 +48,7 @@ pub struct Fields {
 
 impl Fields {
     pub(super) fn new(machine: &Machine, progress: &(dyn Fn() + Sync)) -> Self {
-        let accuracy = accuracy(machine, &AccuracyOptions { stages: STAGES, ..AccuracyOptions::default() }, progress);
+        let accuracy = accuracy(machine, &AccuracyOptions::default(), progress);
         let maps = accuracy.motions.each_ref().map(|motion| Maps {
             same_sign: planes(&motion.fields.same_sign),
             before: planes(&motion.fields.before),

@@ -16,7 +16,7 @@ mod stage;
 mod travel;
 
 pub use budget::Budget;
-pub use field::{Fields, PROGRESS_STEPS};
+pub use field::Fields;
 pub use number::short;
 pub use page::render;
 pub use provenance::Provenance;
@@ -25,7 +25,7 @@ pub use travel::{Mode, Stage as CompensatedStage, Travel};
 
 use crate::calibrate::calibrate;
 use crate::machine::Machine;
-use crate::model::{Claim, Options, Sensitivity, paper_claims, sensitivity};
+use crate::model::{AccuracyOptions, Claim, Options, Sensitivity, paper_claims, sensitivity};
 use serde::Serialize;
 
 /// Format of the JSON; raised when a figure changes its meaning or its place.
@@ -55,8 +55,13 @@ pub struct Report {
 }
 
 impl Report {
+    /// How often [`Report::new`] calls its `progress`: once for each accuracy field, nearly all of its time.
+    pub fn progress_steps() -> u64 {
+        AccuracyOptions::default().fields() as u64
+    }
+
     /// Computes everything. `file`: the name that the page gives for the machine file; `date`: what it gives as date.
-    /// `progress` is called [`PROGRESS_STEPS`] times, by several threads.
+    /// `progress` is called [`Report::progress_steps`] times, by several threads.
     pub fn new(machine: &Machine, file: &str, date: Option<&str>, progress: &(dyn Fn() + Sync)) -> Self {
         let calibrated = calibrate(machine);
         let (travel, budget, crc, refusal) = match &calibrated {

@@ -16,8 +16,8 @@ pub(super) fn section(claims: &[Claim]) -> Section {
     let body = html! {
         p.lead {
             "Of " (claims.len()) " statements of the paper " strong { (count(Verdict::Reproduced)) " are reproduced" } ", "
-            (count(Verdict::Approximately)) " approximately, " (count(Verdict::NotReproduced)) " are not, "
-            (count(Verdict::Input)) " are inputs."
+            (count(Verdict::Approximately)) " approximately, " (count(Verdict::NotReproduced)) " are not; taken as input: "
+            (count(Verdict::Input)) "."
         }
         p.note {
             "Computed from the inputs that the paper prints, on its own stage (built in as \u{201c}paper\u{201d}), whatever \

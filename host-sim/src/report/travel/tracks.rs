@@ -13,6 +13,9 @@ const STOPS: usize = 41;
 const POSES: usize = 250;
 /// Half the way of a small scan, nm.
 const SCAN: f64 = 2_000.0;
+/// Where home is at the end of a travel, an axis that does not move stands so much of the travel inside: a coupled
+/// motor needs room.
+const INSIDE: f64 = 0.05;
 const Q32: f64 = 4_294_967_296.0;
 
 /// What a track looks like.
@@ -103,8 +106,9 @@ impl<'a> Room<'a> {
     fn scan(&self) -> (Track, Vec<[f64; AXES]>) {
         let there = |i: usize| (2.0 * i as f64 / (STOPS - 1) as f64 - 1.0) * SCAN;
         let ways: Vec<f64> = (0..STOPS).map(there).chain((0..STOPS - 1).rev().map(there)).collect();
-        let poses = |_| ways.iter().map(|w| [w.round(), w.round(), w.round(), 0.0, 0.0, 0.0]).collect();
-        let (_, poses) = self.shrink(poses);
+        let rest = self.at(1.0, |_| None);
+        let moved = |way: &f64| std::array::from_fn(|i| if i < 3 { rest[i] + way.round() } else { rest[i] });
+        let poses = ways.iter().map(moved).collect();
         let along = ways.iter().map(|way| way * 1e-3).collect();
         let name = "small scan in X, Y and Z".into();
         (Track { name, kind: Kind::Line, share_of_travel: 1.0, unit: "um", along }, poses)
@@ -122,12 +126,16 @@ impl<'a> Room<'a> {
         (Track { name, kind: Kind::Poses, share_of_travel, unit: "number", along }, poses)
     }
 
-    /// A pose at a share of the travel about its middle; None leaves an axis at home. Whole nm and nrad.
+    /// A pose at a share of the travel about its middle; None leaves an axis at home, or near it. Whole nm and nrad.
     fn at(&self, share: f64, way: impl Fn(Axis) -> Option<f64>) -> [f64; AXES] {
         Axis::ALL.map(|axis| {
             let [lower, upper] = self.machine.drives[axis.index()].travel;
             let (middle, half) = (0.5 * (lower + upper), 0.5 * (upper - lower));
-            way(axis).map_or(0.0, |way| middle + half * share * (2.0 * way - 1.0)).clamp(lower, upper).round()
+            let rest = 0f64.clamp(middle - (1.0 - 2.0 * INSIDE) * half, middle + (1.0 - 2.0 * INSIDE) * half);
+            way(axis)
+                .map_or(rest, |way| middle + half * share * (2.0 * way - 1.0))
+                .round()
+                .clamp(lower.ceil(), upper.floor())
         })
     }
 }

@@ -59,7 +59,8 @@ fn body(travel: &Travel) -> Markup {
         p.note {
             "At each stop the motors stand where the controller\u{2019}s fixed-point law and its reversal rule put them, and \
             the stage where its play and all errors of the machine file put it; the law knows nothing of the 36 errors of the \
-            stages, which stay. All stops are at rest, each move begins at home on the positive flank. After a motor turns, \
+            stages, which stay. All stops are at rest, each move begins at home on the positive flank; axes that do \
+            not move stay there, or a little inside their travel where home is at its end. After a motor turns, \
             a step or two within the dead band of the reversal rule are not yet taken up: that shows where a coupled motor \
             moves slowly. Coupling: squarenesses and axis tilts (D\u{207b}\u{b9}, \
             W\u{207b}\u{b9} and the second-order term). Rotation centre: the fibre point stays where it is when an angle \
