@@ -553,3 +553,36 @@ fn the_real_controller_brings_the_true_stage_to_the_pose_after_identification() 
     );
     assert!(worst[0] > 1000.0 && worst[1] < 60.0);
 }
+
+/// What no constant describes - here a wave of 1 um on the fibre's x - is no outlier: it widens the uncertainties.
+#[test]
+fn errors_beyond_the_constants_widen_the_uncertainties_and_are_said() {
+    let truth = drawn(&mut Dice::new(15), Machine::paper().order);
+    let wavy = |file: &str, text: String| {
+        if file != "fibre.csv" {
+            return Some(text);
+        }
+        let row = |line: &str| match line.split(',').map(str::parse::<f64>).collect::<Result<Vec<_>, _>>() {
+            Ok(mut numbers) => {
+                numbers[6] += (numbers[0] * 0.004).sin();
+                numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",")
+            }
+            Err(_) => line.to_string(),
+        };
+        Some(text.lines().map(row).collect::<Vec<_>>().join("\n"))
+    };
+    let plain = fit(&truth, &Options::default(), |_, text| Some(text)).unwrap();
+    let result = fit(&truth, &Options::default(), wavy).unwrap();
+    println!("{:?}", result.warnings);
+    assert!(plain.warnings.is_empty());
+    assert!(
+        result
+            .warnings
+            .iter()
+            .any(|w| w.contains("fibre.csv: the residuals are") && w.contains("times the noise stated"))
+    );
+    assert!(result.outliers.is_empty(), "{:?}", result.outliers);
+    let sigma = |r: &Identification| r.estimate("mount.chip.offset_um.z").unwrap().sigma;
+    assert!(sigma(&result) > 3.0 * sigma(&plain));
+    assert!(errors(&truth, &result).1.amax() < 5.0);
+}

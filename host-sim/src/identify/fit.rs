@@ -23,6 +23,10 @@ const CONVERGED: f64 = 1e-3;
 const LEAST_NOISE: f64 = 1e-3;
 /// Rounds in which unstated noise is estimated anew.
 const NOISE_ROUNDS: usize = 4;
+/// Median of the size of normal noise, in standard deviations.
+const MEDIAN_SIZE: f64 = 0.6745;
+/// Residuals so many times the stated noise are another unit or another machine, not errors of a stage.
+const HOPELESS_NOISE: f64 = 200.0;
 /// Most rounds in which weights are given anew.
 const MOST_ROUNDS: usize = 30;
 /// Largest share of a file that may be left out.
@@ -79,6 +83,8 @@ pub(super) struct Fit<'a> {
     pub(super) priors: Vec<Prior>,
     pub(super) state: State,
     pub(super) noise: Vec<f64>,
+    /// Files whose noise is taken from their residuals.
+    pub(super) estimated: Vec<bool>,
     /// 0 for rejected readings.
     pub(super) weights: Vec<Vec<f64>>,
     pub(super) solution: Option<Solution>,
@@ -146,6 +152,7 @@ impl<'a> Fit<'a> {
             priors,
             state,
             noise: series.iter().map(first_guess).collect(),
+            estimated: series.iter().map(|file| file.noise.is_none()).collect(),
             weights: series.iter().map(|file| vec![1.0; file.readings.len()]).collect(),
             solution: None,
         }
@@ -300,10 +307,11 @@ impl<'a> Fit<'a> {
 
     /// Residual in standard deviations of what a reading that is not rejected (or, if it is, a new one) would show.
     fn studentised(&self, index: usize, k: usize, left: &Left) -> [f64; 3] {
-        let kept = self.weights[index][k] > 0.0;
+        let weight = self.weights[index][k];
         std::array::from_fn(|c| {
             let leverage = left.leverage[c];
-            let share = if kept { (1.0 - leverage).max(1e-6) } else { 1.0 + leverage };
+            // 1 - h of a reading that counts fully, 1 + h of one that does not count
+            let share = (1.0 + leverage * (1.0 - 2.0 * weight)).max(1e-6);
             left.residual[c] / (self.noise[index] * share.sqrt())
         })
     }
@@ -314,7 +322,7 @@ impl<'a> Fit<'a> {
         let mut changed = false;
         let left = self.left(&self.root());
         for (index, file) in self.fitted() {
-            if file.noise.is_some() {
+            if !self.estimated[index] {
                 continue;
             }
             let columns = file.kind.columns().len();
@@ -325,10 +333,7 @@ impl<'a> Fit<'a> {
                 .collect();
             let free: f64 = values.iter().map(|(_, leverage)| (1.0 - leverage).max(0.0)).sum();
             let estimate = if robust {
-                let mut sizes: Vec<f64> = values.iter().map(|(residual, _)| residual.abs()).collect();
-                sizes.sort_by(f64::total_cmp);
-                // the median of |normal noise| is 0.6745 of its standard deviation
-                sizes[sizes.len() / 2] / 0.6745
+                robust_noise(file, &left[index])
             } else {
                 (values.iter().map(|(residual, _)| residual * residual).sum::<f64>() / free.max(1e-9)).sqrt()
             };
@@ -342,7 +347,7 @@ impl<'a> Fit<'a> {
     }
 
     fn noise_unknown(&self) -> bool {
-        self.fitted().any(|(_, file)| file.noise.is_none())
+        self.fitted().any(|(index, _)| self.estimated[index])
     }
 
     fn run(&mut self) -> Result<(), Refusal> {
@@ -374,11 +379,16 @@ impl<'a> Fit<'a> {
             return Ok(());
         }
         (self.progress)("looking for outliers");
-        for _ in 0..MOST_ROUNDS {
-            self.weigh(|worst| huber(worst).max(1e-6));
-            let moved = self.converge()?;
-            let noise_changed = self.noise_unknown() && self.estimate_noise(true);
-            if moved < 0.3 && !noise_changed {
+        loop {
+            for _ in 0..MOST_ROUNDS {
+                self.weigh(|worst| huber(worst).max(1e-6));
+                let moved = self.converge()?;
+                let noise_changed = self.noise_unknown() && self.estimate_noise(true);
+                if moved < 0.3 && !noise_changed {
+                    break;
+                }
+            }
+            if !self.doubt_stated_noise()? {
                 break;
             }
         }
@@ -392,6 +402,33 @@ impl<'a> Fit<'a> {
             }
         }
         self.refuse_strange_files(MOST_REJECTED)
+    }
+
+    /// Files whose residuals altogether are larger than the noise stated are weighted by their residuals: no reading
+    /// of theirs is an outlier for what the constants do not describe. Tells whether there are such files.
+    fn doubt_stated_noise(&mut self) -> Result<bool, Refusal> {
+        let left = self.left(&self.root());
+        let mut found = false;
+        for (index, file) in self.fitted() {
+            let shown = robust_noise(file, &left[index]);
+            let ratio = shown / self.noise[index];
+            if self.estimated[index] || ratio < 1.0 + 5.0 / (file.readings.len() as f64).sqrt() {
+                continue;
+            }
+            if ratio > HOPELESS_NOISE {
+                let reason = format!(
+                    "the readings do not fit the other files: residuals of {shown:.1} {unit} are {ratio:.0} times the noise \
+                     stated, {:.3} {unit}; look for a wrong unit (of the noise too), sign, axis or point",
+                    self.noise[index],
+                    unit = file.kind.quantity().unit()
+                );
+                return Err(Refusal::line(file, file.readings[0].line, reason));
+            }
+            self.estimated[index] = true;
+            self.noise[index] = shown;
+            found = true;
+        }
+        Ok(found)
     }
 
     /// Refuses a file of which more than a share is left out.
@@ -439,4 +476,14 @@ impl<'a> Fit<'a> {
             (0..file.readings.len()).any(|k| self.worst(index, file, k, &left[index][k]).1.abs() > limit)
         })
     }
+}
+
+/// Noise of a file from the median of the residuals, which outliers leave alone; of the worst of its columns.
+fn robust_noise(file: &Series, left: &[Left]) -> f64 {
+    let column = |c: usize| {
+        let mut sizes: Vec<f64> = left.iter().map(|left| left.residual[c].abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        sizes[sizes.len() / 2] / MEDIAN_SIZE
+    };
+    (0..file.kind.columns().len()).map(column).fold(0.0, f64::max)
 }
