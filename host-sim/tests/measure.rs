@@ -297,3 +297,20 @@ fn another_machine_s_measurements_and_signs_are_noticed() {
     let said = complaint("squareness.csv", |t| scaled(t, 1, -100.0));
     says(&said, &["squareness.csv:7: ", "readings do not fit the other files"]);
 }
+
+#[test]
+fn the_files_that_the_documentation_shows_are_files_that_can_be_read() {
+    let text = include_str!("../../docs/CALIBRATION.md");
+    let order = Machine::paper().order;
+    let mut kinds = Vec::new();
+    for example in text.split("    # kind: ").skip(1) {
+        let lines = format!("# kind: {example}");
+        let lines: Vec<&str> = lines.lines().map(str::trim).take_while(|line| !line.is_empty()).collect();
+        let rows: Vec<&str> = lines.into_iter().filter(|line| *line != "...").collect();
+        let read = parse("docs/CALIBRATION.md", &rows.join("\n"), &order).unwrap_or_else(|error| panic!("{error}"));
+        kinds.push(read.kind.name());
+    }
+    kinds.sort_unstable();
+    let all = ["autocollimator", "diagonal", "fibre", "orientation", "positioning", "squareness", "straightness"];
+    assert_eq!(kinds, all);
+}
