@@ -585,3 +585,20 @@ fn errors_beyond_the_constants_widen_the_uncertainties_and_are_said() {
     assert!(sigma(&result) > 3.0 * sigma(&plain));
     assert!(errors(&truth, &result).1.amax() < 5.0);
 }
+
+#[test]
+fn the_golden_machines_come_back_from_their_measurements() {
+    for (seed, name) in (1..).zip(stage::GOLDEN) {
+        let truth = stage::golden(name).0;
+        let result = round_trip(&truth, &Settings { seed, ..Settings::default() }, &Options::default());
+        let (off, normalised) = errors(&truth, &result);
+        let p = probability(&result, &off, 0..CONSTANTS);
+        println!(
+            "figure: {name}: worst constant or backlash {:.1} sigma off, p = {p:.3}; residuals p = {:.3}",
+            normalised.amax(),
+            result.probability
+        );
+        assert!(normalised.amax() < 4.5 && p > 1e-3 && result.probability > 1e-3 && result.warnings.is_empty());
+        assert!(calibrate(&Machine::parse(&to_toml(&result.machine)).unwrap()).is_ok());
+    }
+}
