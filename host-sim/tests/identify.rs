@@ -602,3 +602,29 @@ fn the_golden_machines_come_back_from_their_measurements() {
         assert!(calibrate(&Machine::parse(&to_toml(&result.machine)).unwrap()).is_ok());
     }
 }
+
+/// Runs by hand: mean up 0.2, 0.2, 0.2 um and mean down 0.5, 0.6, 0.4 um.
+#[test]
+fn the_reversal_values_are_those_of_iso_230_2() {
+    let runs = "# kind: positioning\n# axis: X\ntarget_um,run,direction,measured_um\n\
+                -4000,1,up,-3999.9\n0,1,up,0.2\n4000,1,up,4000.3\n\
+                4000,1,down,4000.3\n0,1,down,0.7\n-4000,1,down,-3999.6\n\
+                -4000,2,up,-3999.7\n0,2,up,0.2\n4000,2,up,4000.1\n\
+                4000,2,down,4000.5\n0,2,down,0.5\n-4000,2,down,-3999.4\n";
+    let edit = |file: &str, text: String| Some(if file == "positioning-X.csv" { runs.into() } else { text });
+    let result = fit(&Machine::paper(), &Options::default(), edit).unwrap();
+    let reversal = result.reversals.iter().find(|reversal| reversal.axis == "X").unwrap();
+    let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-3, "{a} {b}");
+    near(reversal.mean_reversal, -300.0);
+    near(reversal.reversal, 400.0);
+    near(reversal.backlash, 300.0);
+    assert_eq!((reversal.targets, reversal.runs, reversal.drift_per_hour), (3, 2, None));
+    // twelve readings, a mean for each of three targets and the play: eight are left. The squares of what remains, um^2:
+    let squares: f64 = [[0.1, 0.1, 0.1, 0.1], [0.05, 0.05, 0.15, 0.05], [0.15, 0.05, 0.15, 0.05]]
+        .as_flattened()
+        .iter()
+        .map(|left: &f64| left * left)
+        .sum();
+    near(reversal.noise, (squares / 8.0).sqrt() * 1e3);
+    near(reversal.sigma, reversal.noise * (4.0f64 / 12.0).sqrt());
+}
