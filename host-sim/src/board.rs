@@ -28,7 +28,7 @@ pub const GATE_TICKS: u64 = 2;
 /// Lines of all motors.
 const ALL: u8 = (1 << AXES) - 1;
 
-/// Small seeded generator (xorshift64*), for interleavings only.
+/// Small seeded generator (xorshift64*), for interleavings and simulated noise, not for secrets.
 #[derive(Clone, Debug)]
 pub struct Seeded(u64);
 

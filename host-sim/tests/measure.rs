@@ -218,6 +218,57 @@ fn numbers_that_are_none_are_refused_by_file_line_and_column() {
 }
 
 #[test]
+fn numbers_that_no_instrument_shows_are_refused() {
+    let said = complaint("fibre.csv", |t| scaled(t, 7, 1e200));
+    says(&said, &["fibre.csv:8: y_um = ", "beyond 1000 km"]);
+    let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_um: 1e-300"));
+    says(&said, &["fibre.csv:6: noise_um = 1e-300: must be positive"]);
+    let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_um: -1"));
+    says(&said, &["fibre.csv:6: noise_um = -1: must be positive"]);
+}
+
+/// Whatever byte of whatever file is wrong: there is a result or a message, and never a panic.
+#[test]
+fn any_wrong_byte_is_borne() {
+    let truth = Machine::paper();
+    let known = nominal(&truth);
+    let settings = Settings { fibre_poses: 40, orientation_poses: 20, ..Settings::default() };
+    let good = measure(&truth, &settings);
+    let mut seeded = host_sim::board::Seeded::new(5);
+    let (mut unread, mut refused, mut accepted) = (0, 0, 0);
+    for _ in 0..300 {
+        let which = seeded.below(good.len() as u64) as usize;
+        let mut text = good[which].text.clone().into_bytes();
+        for _ in 0..1 + seeded.below(3) {
+            let at = seeded.below(text.len() as u64) as usize;
+            // digits become other digits mostly, so that many files stay readable
+            let digit = text[at].is_ascii_digit() && seeded.below(10) > 0;
+            text[at] = b"0123456789.,-#:\neE+x "[seeded.below(if digit { 10 } else { 21 }) as usize];
+        }
+        let text = String::from_utf8(text).unwrap();
+        let mut series: Vec<_> = good.iter().map(|f| parse(&f.file, &f.text, &known.order).unwrap()).collect();
+        match parse(&good[which].file, &text, &known.order) {
+            Err(error) => {
+                assert!(error.to_string().starts_with(&good[which].file), "{error}");
+                unread += 1;
+            }
+            Ok(read) => {
+                series[which] = read;
+                match identify(&series, &known, &Options::default(), &mut |_| {}) {
+                    Ok(result) => {
+                        assert!(result.estimates.iter().all(|e| e.value.is_finite() && e.sigma.is_finite()));
+                        accepted += 1;
+                    }
+                    Err(_) => refused += 1,
+                }
+            }
+        }
+    }
+    println!("figure: of 300 damaged files {unread} could not be read, {refused} were refused, {accepted} accepted");
+    assert!(unread > 50 && refused > 5 && accepted > 50);
+}
+
+#[test]
 fn units_mixed_up_are_told_by_their_scale() {
     let said = complaint("positioning-X.csv", |t| t.replace("measured_um", "measured_nm"));
     says(&said, &["positioning-X.csv:8: unit:", "measured_nm", "1000", "look like um written as nm"]);
@@ -244,7 +295,7 @@ fn units_mixed_up_are_told_by_their_scale() {
     let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_um: 50"));
     says(&said, &["accepted", "fibre.csv: the residuals are", "times smaller than the noise stated"]);
     let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_nm: 0.05"));
-    says(&said, &["fibre.csv:8: ", "readings do not fit", "or a noise stated too small"]);
+    says(&said, &["fibre.csv:8: ", "readings do not fit", "times the noise stated", "wrong unit (of the noise too)"]);
     // a lead that is not quite right is no unit
     let said = complaint("positioning-X.csv", |t| scaled(t, 3, 1.003));
     says(&said, &["accepted", "X moves +30", "ppm more than commanded"]);
@@ -296,4 +347,21 @@ fn another_machine_s_measurements_and_signs_are_noticed() {
     says(&said, &["positioning-X.csv:9: run 1 goes down but"]);
     let said = complaint("squareness.csv", |t| scaled(t, 1, -100.0));
     says(&said, &["squareness.csv:7: ", "readings do not fit the other files"]);
+}
+
+#[test]
+fn the_files_that_the_documentation_shows_are_files_that_can_be_read() {
+    let text = include_str!("../../docs/CALIBRATION.md");
+    let order = Machine::paper().order;
+    let mut kinds = Vec::new();
+    for example in text.split("    # kind: ").skip(1) {
+        let lines = format!("# kind: {example}");
+        let lines: Vec<&str> = lines.lines().map(str::trim).take_while(|line| !line.is_empty()).collect();
+        let rows: Vec<&str> = lines.into_iter().filter(|line| *line != "...").collect();
+        let read = parse("docs/CALIBRATION.md", &rows.join("\n"), &order).unwrap_or_else(|error| panic!("{error}"));
+        kinds.push(read.kind.name());
+    }
+    kinds.sort_unstable();
+    let all = ["autocollimator", "diagonal", "fibre", "orientation", "positioning", "squareness", "straightness"];
+    assert_eq!(kinds, all);
 }

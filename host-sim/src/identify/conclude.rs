@@ -174,7 +174,7 @@ impl Fit<'_> {
                 rejected: result.outliers.len() - outliers_before,
                 noise,
                 unit: file.kind.quantity().unit(),
-                noise_stated: file.noise.is_some(),
+                noise_stated: file.noise.is_some() && !self.estimated[index],
                 rms: (squares / count.max(1) as f64).sqrt(),
                 nuisances: own.collect(),
             });
@@ -195,6 +195,16 @@ impl Fit<'_> {
                 "The residuals are larger than the stated noise (chi-square {chi_square:.0} at {dof} degrees of \
                  freedom): the stage has errors that the constants do not describe, or the noise is stated too small; \
                  the uncertainties are then too small as well."
+            ));
+        }
+        for (index, file) in self.series.iter().enumerate() {
+            let (Some(stated), true) = (file.noise, self.estimated[index]) else { continue };
+            result.warnings.push(format!(
+                "{}: the residuals are {:.1} times the noise stated, {stated:.1} {unit}; the file is weighted by what they \
+                 show. The stage has errors that the constants do not describe, or the noise is stated too small.",
+                file.file,
+                self.noise[index] / stated,
+                unit = file.kind.quantity().unit()
             ));
         }
         for file in result.files.iter().filter(|file| file.noise_stated && file.readings >= 10) {

@@ -1,18 +1,17 @@
-//! The fit of all files together: linear least squares, Levenberg-Marquardt, weights, outliers.
+//! The fit of all files together: the linear system, least squares, Levenberg-Marquardt.
 
 use super::checks;
 use super::constants::Constant;
 use super::gauge::{Gauge, gauge};
 use super::least_squares::{Rows, Solution};
 use super::observe::{Block, Layout, Nuisance, Observer, State, nuisances};
-use super::outliers::{huber, threshold};
 use super::result::Identification;
 use super::reversal::{Runs, reversal};
 use super::series::{Kind, Series};
 use super::units::Quantity;
 use super::{Options, Refusal};
 use crate::machine::Machine;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use stage_controller::units::Axis;
 
 /// Most steps of a fit; three or four are usual.
@@ -20,15 +19,7 @@ const MOST_STEPS: usize = 60;
 /// A step below this many standard deviations ends the fit.
 const CONVERGED: f64 = 1e-3;
 /// Noise below which an estimate is not taken seriously, nm or nrad.
-const LEAST_NOISE: f64 = 1e-3;
-/// Rounds in which unstated noise is estimated anew.
-const NOISE_ROUNDS: usize = 4;
-/// Most rounds in which weights are given anew.
-const MOST_ROUNDS: usize = 30;
-/// Largest share of a file that may be left out.
-const MOST_REJECTED: f64 = 0.2;
-/// The same while the fit is not yet at its end.
-const HOPELESS: f64 = 0.5;
+pub(super) const LEAST_NOISE: f64 = 1e-3;
 
 /// Fits the constants to the measurements. `progress` is told what is being done.
 ///
@@ -62,13 +53,6 @@ pub(super) struct Prior {
     pub sigma: f64,
 }
 
-/// One reading after a fit.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Left {
-    pub residual: [f64; 3],
-    pub leverage: [f64; 3],
-}
-
 /// A fit on its way.
 pub(super) struct Fit<'a> {
     pub(super) series: &'a [Series],
@@ -79,6 +63,8 @@ pub(super) struct Fit<'a> {
     pub(super) priors: Vec<Prior>,
     pub(super) state: State,
     pub(super) noise: Vec<f64>,
+    /// Files whose noise is taken from their residuals.
+    pub(super) estimated: Vec<bool>,
     /// 0 for rejected readings.
     pub(super) weights: Vec<Vec<f64>>,
     pub(super) solution: Option<Solution>,
@@ -146,6 +132,7 @@ impl<'a> Fit<'a> {
             priors,
             state,
             noise: series.iter().map(first_guess).collect(),
+            estimated: series.iter().map(|file| file.noise.is_none()).collect(),
             weights: series.iter().map(|file| vec![1.0; file.readings.len()]).collect(),
             solution: None,
         }
@@ -157,7 +144,7 @@ impl<'a> Fit<'a> {
     }
 
     /// Columns that the rows of a file can touch: all constants and plays, and its own.
-    fn touched(&self, index: usize) -> Vec<usize> {
+    pub(super) fn touched(&self, index: usize) -> Vec<usize> {
         let common = self.layout.first.first().copied().unwrap_or(self.layout.width);
         let first = self.layout.first[index];
         (0..common).chain(first..first + self.own[index].len()).collect()
@@ -236,7 +223,7 @@ impl<'a> Fit<'a> {
 
     /// Linear least squares, then Levenberg-Marquardt until a step is nothing. Returns the length of the first step in
     /// standard deviations.
-    fn converge(&mut self) -> Result<f64, Refusal> {
+    pub(super) fn converge(&mut self) -> Result<f64, Refusal> {
         let (rows, mut cost) = self.assemble(&self.state);
         let mut solution = rows.solve();
         let mut damping = 0.0;
@@ -268,175 +255,5 @@ impl<'a> Fit<'a> {
              (order of the axes, fibre point, signs of the motors)"
                 .into(),
         ))
-    }
-
-    /// Residuals and leverages of all readings, rejected ones included.
-    pub(super) fn left(&self, root: &DMatrix<f64>) -> Vec<Vec<Left>> {
-        let mut all: Vec<Vec<Left>> = self.series.iter().map(|_| Vec::new()).collect();
-        let mut block = Block::new(self.layout.width);
-        let mut across = vec![0.0; root.ncols()];
-        for (index, file) in self.fitted() {
-            let observer = Observer::new(&self.layout, &self.state, file, index, self.options.drift);
-            let touched = self.touched(index);
-            for k in 0..file.readings.len() {
-                observer.fill(k, &mut block);
-                let mut left = Left { residual: block.residual, leverage: [0.0; 3] };
-                for c in 0..file.kind.columns().len() {
-                    across.iter_mut().for_each(|sum| *sum = 0.0);
-                    for (sum, column) in across.iter_mut().zip(root.column_iter()) {
-                        *sum = touched.iter().map(|j| block.rows[c][*j] * column[*j]).sum();
-                    }
-                    left.leverage[c] = across.iter().map(|sum| sum * sum).sum::<f64>() / self.noise[index].powi(2);
-                }
-                all[index].push(left);
-            }
-        }
-        all
-    }
-
-    pub(super) fn root(&self) -> DMatrix<f64> {
-        self.solution.as_ref().expect("the fit has converged").root()
-    }
-
-    /// Residual in standard deviations of what a reading that is not rejected (or, if it is, a new one) would show.
-    fn studentised(&self, index: usize, k: usize, left: &Left) -> [f64; 3] {
-        let kept = self.weights[index][k] > 0.0;
-        std::array::from_fn(|c| {
-            let leverage = left.leverage[c];
-            let share = if kept { (1.0 - leverage).max(1e-6) } else { 1.0 + leverage };
-            left.residual[c] / (self.noise[index] * share.sqrt())
-        })
-    }
-
-    /// Noise of files that do not state theirs, from the residuals and what the fit has taken from them.
-    /// Tells whether it changed by more than a hundredth.
-    fn estimate_noise(&mut self, robust: bool) -> bool {
-        let mut changed = false;
-        let left = self.left(&self.root());
-        for (index, file) in self.fitted() {
-            if file.noise.is_some() {
-                continue;
-            }
-            let columns = file.kind.columns().len();
-            let kept = (0..file.readings.len()).filter(|k| self.weights[index][*k] > 0.0);
-            let values: Vec<(f64, f64)> = kept
-                .flat_map(|k| (0..columns).map(move |c| (k, c)))
-                .map(|(k, c)| (left[index][k].residual[c], left[index][k].leverage[c]))
-                .collect();
-            let free: f64 = values.iter().map(|(_, leverage)| (1.0 - leverage).max(0.0)).sum();
-            let estimate = if robust {
-                let mut sizes: Vec<f64> = values.iter().map(|(residual, _)| residual.abs()).collect();
-                sizes.sort_by(f64::total_cmp);
-                // the median of |normal noise| is 0.6745 of its standard deviation
-                sizes[sizes.len() / 2] / 0.6745
-            } else {
-                (values.iter().map(|(residual, _)| residual * residual).sum::<f64>() / free.max(1e-9)).sqrt()
-            };
-            if free > 0.5 && estimate.is_finite() {
-                let estimate = estimate.max(LEAST_NOISE);
-                changed |= (estimate / self.noise[index] - 1.0).abs() > 0.01;
-                self.noise[index] = estimate;
-            }
-        }
-        changed
-    }
-
-    fn noise_unknown(&self) -> bool {
-        self.fitted().any(|(_, file)| file.noise.is_none())
-    }
-
-    fn run(&mut self) -> Result<(), Refusal> {
-        self.converge()?;
-        if self.noise_unknown() {
-            self.estimate_noise(true);
-            self.converge()?;
-        }
-        if self.options.reject {
-            self.reject()?;
-        }
-        if self.noise_unknown() {
-            for _ in 0..NOISE_ROUNDS {
-                self.estimate_noise(false);
-                self.converge()?;
-            }
-            if self.options.reject {
-                self.reject()?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Leaves out what does not belong: weighted by Huber's rule until the fit stands, then by studentised residuals.
-    fn reject(&mut self) -> Result<(), Refusal> {
-        let values = self.fitted().map(|(_, file)| file.readings.len() * file.kind.columns().len()).sum();
-        let limit = threshold(values);
-        if !self.any_beyond(limit) {
-            return Ok(());
-        }
-        (self.progress)("looking for outliers");
-        for _ in 0..MOST_ROUNDS {
-            self.weigh(|worst| huber(worst).max(1e-6));
-            let moved = self.converge()?;
-            let noise_changed = self.noise_unknown() && self.estimate_noise(true);
-            if moved < 0.3 && !noise_changed {
-                break;
-            }
-        }
-        for _ in 0..MOST_ROUNDS {
-            let changed = self.weigh(|worst| if worst.abs() > limit { 0.0 } else { 1.0 });
-            self.refuse_strange_files(HOPELESS)?;
-            self.converge()?;
-            let noise_changed = self.noise_unknown() && self.estimate_noise(false);
-            if !changed && !noise_changed {
-                break;
-            }
-        }
-        self.refuse_strange_files(MOST_REJECTED)
-    }
-
-    /// Refuses a file of which more than a share is left out.
-    fn refuse_strange_files(&self, share: f64) -> Result<(), Refusal> {
-        for (index, file) in self.fitted() {
-            let rejected = self.weights[index].iter().filter(|weight| **weight == 0.0).count();
-            if rejected as f64 > share * file.readings.len() as f64 && rejected > 1 {
-                let reason = format!(
-                    "{rejected} of {} readings do not fit the other files within a noise of {:.3} {}: look for a wrong \
-                     unit, sign, axis or point, or a noise stated too small",
-                    file.readings.len(),
-                    self.noise[index],
-                    file.kind.quantity().unit()
-                );
-                return Err(Refusal::line(file, file.readings[0].line, reason));
-            }
-        }
-        Ok(())
-    }
-
-    /// Gives every reading the weight of its worst value; tells whether one changed.
-    fn weigh(&mut self, weight: impl Fn(f64) -> f64) -> bool {
-        let left = self.left(&self.root());
-        let mut changed = false;
-        for (index, file) in self.fitted() {
-            for (k, left) in left[index].iter().enumerate() {
-                let now = weight(self.worst(index, file, k, left).1);
-                changed |= now != self.weights[index][k];
-                self.weights[index][k] = now;
-            }
-        }
-        changed
-    }
-
-    pub(super) fn worst(&self, index: usize, file: &Series, k: usize, left: &Left) -> (usize, f64) {
-        let studentised = self.studentised(index, k, left);
-        let columns = 0..file.kind.columns().len();
-        let worst = columns.max_by(|a, b| studentised[*a].abs().total_cmp(&studentised[*b].abs())).unwrap_or(0);
-        (worst, studentised[worst])
-    }
-
-    fn any_beyond(&self, limit: f64) -> bool {
-        let left = self.left(&self.root());
-        self.fitted().any(|(index, file)| {
-            (0..file.readings.len()).any(|k| self.worst(index, file, k, &left[index][k]).1.abs() > limit)
-        })
     }
 }

@@ -6,6 +6,9 @@ use super::{Options, Refusal};
 use crate::machine::{LARGEST_STATIC, Machine};
 use stage_controller::units::{AXES, Axis};
 
+/// Farthest position that a machine file takes, um.
+const FARTHEST_UM: f64 = 67_000.0;
+
 /// Which unknowns are held, and the machine with their values.
 pub(super) struct Gauge {
     pub held_constants: [bool; CONSTANTS],
@@ -78,14 +81,17 @@ fn set(machine: &mut Machine, constants: &[Constant], i: usize, value: Option<f6
             if constant.is_angle() && value.abs() > LARGEST_STATIC {
                 return Err(format!("an angle of a stage is at most {LARGEST_STATIC} rad"));
             }
+            if !constant.is_angle() && value.abs() > FARTHEST_UM {
+                return Err(format!("a position is at most {FARTHEST_UM} um"));
+            }
             constant.set(machine, value * per_unit(*constant));
         }
         return Ok(constant.of(machine) / per_unit(*constant));
     }
     let play = &mut machine.drives[i - constants.len()].backlash;
     if let Some(value) = value {
-        if value < 0.0 {
-            return Err("a backlash is not negative".into());
+        if !(0.0..1e9).contains(&value) {
+            return Err("a backlash is 0 or positive, below 1e9".into());
         }
         *play = value;
     }

@@ -23,6 +23,7 @@ mod reversal;
 mod series;
 mod undetermined;
 pub mod units;
+mod weights;
 
 pub use constants::{CONSTANTS, Constant, backlash_name};
 pub use fit::identify;

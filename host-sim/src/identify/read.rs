@@ -36,6 +36,11 @@ pub enum ReadError {
     },
 }
 
+/// Largest value, nm, nrad or s.
+const FARTHEST: f64 = 1e15;
+/// Smallest noise that may be stated, nm or nrad.
+const LEAST_NOISE: f64 = 1e-3;
+
 /// Keys that describe a file to people and are not used.
 const NOTES: [&str; 7] = ["instrument", "date", "operator", "note", "temperature", "machine", "made by"];
 const KEYS: &str = "kind, axis, direction, reference, normal, point_um, approach, order, noise_<unit>, \
@@ -107,6 +112,15 @@ impl Source<'_> {
             Some(axis) => Ok(axis),
             None => self.refuse(line, format!("{name:?} is no axis: one of X, Y, Z, alpha, beta, gamma")),
         }
+    }
+
+    /// A number times its unit, no larger than any instrument shows.
+    fn within(&self, line: u64, what: &str, text: &str, unit: f64) -> Result<f64, ReadError> {
+        let value = self.number(line, what, text)? * unit;
+        if value.abs() > FARTHEST {
+            return self.refuse(line, format!("{what} = {text}: is beyond 1000 km or 1 Mrad"));
+        }
+        Ok(value)
     }
 
     fn number(&self, line: u64, what: &str, text: &str) -> Result<f64, ReadError> {
@@ -204,7 +218,7 @@ fn point(source: &Source) -> Result<Option<[f64; 3]>, ReadError> {
     }
     let mut point = [0.0; 3];
     for (value, part) in point.iter_mut().zip(parts) {
-        *value = source.number(*line, "point_um", part)? * 1e3;
+        *value = source.within(*line, "point_um", part, 1e3)?;
     }
     Ok(Some(point))
 }
@@ -237,9 +251,11 @@ fn noise(source: &Source, kind: Kind) -> Result<Option<f64>, ReadError> {
             let reason = format!("{key}: this kind is read in {}", kind.quantity().suffixes());
             return source.refuse(*line, reason);
         }
-        let value = source.number(*line, key, text)? * unit.size;
-        if value <= 0.0 {
-            return source.refuse(*line, format!("{key} = {text}: must be positive; leave the line out if unknown"));
+        let value = source.within(*line, key, text, unit.size)?;
+        if value < LEAST_NOISE {
+            let reason =
+                format!("{key} = {text}: must be positive, at least 1 pm or 1 prad; leave the line out if unknown");
+            return source.refuse(*line, reason);
         }
         if let Some((other, _)) = stated {
             return source.refuse(*line, format!("{key}: the noise is already stated in line {other}"));
@@ -323,7 +339,7 @@ fn rows(source: &Source, text: &str, mut series: Series) -> Result<Series, ReadE
         let mut reading =
             Reading { line, motors: [0.0; AXES], down: false, run: 0, pair: None, time_s: 0.0, values: [0.0; 3] };
         for ((column, size), (field, name)) in columns.iter().zip(record.iter().zip(&header)) {
-            let number = || source.number(line, name, field).map(|number| number * size);
+            let number = || source.within(line, name, field, *size);
             match *column {
                 Column::Motor(axis) => reading.motors[axis.index()] = number()?,
                 Column::Target => {

@@ -1,0 +1,240 @@
+//! How much each reading counts: noise of the files, outliers.
+
+use super::Refusal;
+use super::fit::{Fit, LEAST_NOISE};
+use super::observe::{Block, Observer};
+use super::outliers::{huber, threshold};
+use super::series::Series;
+use nalgebra::DMatrix;
+
+/// Rounds in which unstated noise is estimated anew.
+const NOISE_ROUNDS: usize = 4;
+/// Median of the size of normal noise, in standard deviations.
+const MEDIAN_SIZE: f64 = 0.6745;
+/// Residuals so many times the stated noise are another unit or another machine, not errors of a stage.
+const HOPELESS_NOISE: f64 = 200.0;
+/// Most rounds in which weights are given anew.
+const MOST_ROUNDS: usize = 30;
+/// Largest share of a file that may be left out.
+const MOST_REJECTED: f64 = 0.2;
+/// The same while the fit is not yet at its end.
+const HOPELESS: f64 = 0.5;
+
+/// One reading after a fit.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Left {
+    pub residual: [f64; 3],
+    pub leverage: [f64; 3],
+}
+
+impl Fit<'_> {
+    /// Residuals and leverages of all readings, rejected ones included.
+    pub(super) fn left(&self, root: &DMatrix<f64>) -> Vec<Vec<Left>> {
+        let mut all: Vec<Vec<Left>> = self.series.iter().map(|_| Vec::new()).collect();
+        let mut block = Block::new(self.layout.width);
+        let mut across = vec![0.0; root.ncols()];
+        for (index, file) in self.fitted() {
+            let observer = Observer::new(&self.layout, &self.state, file, index, self.options.drift);
+            let touched = self.touched(index);
+            for k in 0..file.readings.len() {
+                observer.fill(k, &mut block);
+                let mut left = Left { residual: block.residual, leverage: [0.0; 3] };
+                for c in 0..file.kind.columns().len() {
+                    across.iter_mut().for_each(|sum| *sum = 0.0);
+                    for (sum, column) in across.iter_mut().zip(root.column_iter()) {
+                        *sum = touched.iter().map(|j| block.rows[c][*j] * column[*j]).sum();
+                    }
+                    left.leverage[c] = across.iter().map(|sum| sum * sum).sum::<f64>() / self.noise[index].powi(2);
+                }
+                all[index].push(left);
+            }
+        }
+        all
+    }
+
+    pub(super) fn root(&self) -> DMatrix<f64> {
+        self.solution.as_ref().expect("the fit has converged").root()
+    }
+
+    /// Residual in standard deviations of what a reading that is not rejected (or, if it is, a new one) would show.
+    fn studentised(&self, index: usize, k: usize, left: &Left) -> [f64; 3] {
+        let weight = self.weights[index][k];
+        std::array::from_fn(|c| {
+            let leverage = left.leverage[c];
+            // 1 - h of a reading that counts fully, 1 + h of one that does not count
+            let share = (1.0 + leverage * (1.0 - 2.0 * weight)).max(1e-6);
+            left.residual[c] / (self.noise[index] * share.sqrt())
+        })
+    }
+
+    /// Noise of files that do not state theirs, from the residuals and what the fit has taken from them.
+    /// Tells whether it changed by more than a hundredth.
+    fn estimate_noise(&mut self, robust: bool) -> bool {
+        let mut changed = false;
+        let left = self.left(&self.root());
+        for (index, file) in self.fitted() {
+            if !self.estimated[index] {
+                continue;
+            }
+            let columns = file.kind.columns().len();
+            let kept = (0..file.readings.len()).filter(|k| self.weights[index][*k] > 0.0);
+            let values: Vec<(f64, f64)> = kept
+                .flat_map(|k| (0..columns).map(move |c| (k, c)))
+                .map(|(k, c)| (left[index][k].residual[c], left[index][k].leverage[c]))
+                .collect();
+            let free: f64 = values.iter().map(|(_, leverage)| (1.0 - leverage).max(0.0)).sum();
+            let estimate = if robust {
+                robust_noise(file, &left[index])
+            } else {
+                (values.iter().map(|(residual, _)| residual * residual).sum::<f64>() / free.max(1e-9)).sqrt()
+            };
+            if free > 0.5 && estimate.is_finite() {
+                let estimate = estimate.max(LEAST_NOISE);
+                changed |= (estimate / self.noise[index] - 1.0).abs() > 0.01;
+                self.noise[index] = estimate;
+            }
+        }
+        changed
+    }
+
+    fn noise_unknown(&self) -> bool {
+        self.fitted().any(|(index, _)| self.estimated[index])
+    }
+
+    pub(super) fn run(&mut self) -> Result<(), Refusal> {
+        self.converge()?;
+        if self.noise_unknown() {
+            self.estimate_noise(true);
+            self.converge()?;
+        }
+        if self.options.reject {
+            self.reject()?;
+        }
+        if self.noise_unknown() {
+            for _ in 0..NOISE_ROUNDS {
+                self.estimate_noise(false);
+                self.converge()?;
+            }
+            if self.options.reject {
+                self.reject()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Leaves out what does not belong: weighted by Huber's rule until the fit stands, then by studentised residuals.
+    fn reject(&mut self) -> Result<(), Refusal> {
+        let values = self.fitted().map(|(_, file)| file.readings.len() * file.kind.columns().len()).sum();
+        let limit = threshold(values);
+        if !self.any_beyond(limit) {
+            return Ok(());
+        }
+        (self.progress)("looking for outliers");
+        loop {
+            for _ in 0..MOST_ROUNDS {
+                self.weigh(|worst| huber(worst).max(1e-6));
+                let moved = self.converge()?;
+                let noise_changed = self.noise_unknown() && self.estimate_noise(true);
+                if moved < 0.3 && !noise_changed {
+                    break;
+                }
+            }
+            if !self.doubt_stated_noise()? {
+                break;
+            }
+        }
+        for _ in 0..MOST_ROUNDS {
+            let changed = self.weigh(|worst| if worst.abs() > limit { 0.0 } else { 1.0 });
+            self.refuse_strange_files(HOPELESS)?;
+            self.converge()?;
+            let noise_changed = self.noise_unknown() && self.estimate_noise(false);
+            if !changed && !noise_changed {
+                break;
+            }
+        }
+        self.refuse_strange_files(MOST_REJECTED)
+    }
+
+    /// Files whose residuals altogether are larger than the noise stated are weighted by their residuals: no reading
+    /// of theirs is an outlier for what the constants do not describe. Tells whether there are such files.
+    fn doubt_stated_noise(&mut self) -> Result<bool, Refusal> {
+        let left = self.left(&self.root());
+        let mut found = false;
+        for (index, file) in self.fitted() {
+            let shown = robust_noise(file, &left[index]);
+            let ratio = shown / self.noise[index];
+            if self.estimated[index] || ratio < 1.0 + 5.0 / (file.readings.len() as f64).sqrt() {
+                continue;
+            }
+            if ratio > HOPELESS_NOISE {
+                let reason = format!(
+                    "the readings do not fit the other files: residuals of {shown:.1} {unit} are {ratio:.0} times the noise \
+                     stated, {:.3} {unit}; look for a wrong unit (of the noise too), sign, axis or point",
+                    self.noise[index],
+                    unit = file.kind.quantity().unit()
+                );
+                return Err(Refusal::line(file, file.readings[0].line, reason));
+            }
+            self.estimated[index] = true;
+            self.noise[index] = shown;
+            found = true;
+        }
+        Ok(found)
+    }
+
+    /// Refuses a file of which more than a share is left out.
+    fn refuse_strange_files(&self, share: f64) -> Result<(), Refusal> {
+        for (index, file) in self.fitted() {
+            let rejected = self.weights[index].iter().filter(|weight| **weight == 0.0).count();
+            if rejected as f64 > share * file.readings.len() as f64 && rejected > 1 {
+                let reason = format!(
+                    "{rejected} of {} readings do not fit the other files within a noise of {:.3} {}: look for a wrong \
+                     unit, sign, axis or point, or a noise stated too small",
+                    file.readings.len(),
+                    self.noise[index],
+                    file.kind.quantity().unit()
+                );
+                return Err(Refusal::line(file, file.readings[0].line, reason));
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives every reading the weight of its worst value; tells whether one changed.
+    fn weigh(&mut self, weight: impl Fn(f64) -> f64) -> bool {
+        let left = self.left(&self.root());
+        let mut changed = false;
+        for (index, file) in self.fitted() {
+            for (k, left) in left[index].iter().enumerate() {
+                let now = weight(self.worst(index, file, k, left).1);
+                changed |= now != self.weights[index][k];
+                self.weights[index][k] = now;
+            }
+        }
+        changed
+    }
+
+    pub(super) fn worst(&self, index: usize, file: &Series, k: usize, left: &Left) -> (usize, f64) {
+        let studentised = self.studentised(index, k, left);
+        let columns = 0..file.kind.columns().len();
+        let worst = columns.max_by(|a, b| studentised[*a].abs().total_cmp(&studentised[*b].abs())).unwrap_or(0);
+        (worst, studentised[worst])
+    }
+
+    fn any_beyond(&self, limit: f64) -> bool {
+        let left = self.left(&self.root());
+        self.fitted().any(|(index, file)| {
+            (0..file.readings.len()).any(|k| self.worst(index, file, k, &left[index][k]).1.abs() > limit)
+        })
+    }
+}
+
+/// Noise of a file from the median of the residuals, which outliers leave alone; of the worst of its columns.
+fn robust_noise(file: &Series, left: &[Left]) -> f64 {
+    let column = |c: usize| {
+        let mut sizes: Vec<f64> = left.iter().map(|left| left.residual[c].abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        sizes[sizes.len() / 2] / MEDIAN_SIZE
+    };
+    (0..file.kind.columns().len()).map(column).fold(0.0, f64::max)
+}
