@@ -1,12 +1,13 @@
 //! The error model against a second one, written from the definition alone: 4x4 matrices of plain numbers, rotations
 //! by the power series of the exponential, the machine read from the text of its own file by a TOML value.
 
-use host_sim::machine::Machine;
+use host_sim::machine::{Kinematic, Machine};
 use host_sim::model::{
-    Compensation, Ensemble, ErrorModel, Form, Grid, Magnitudes, Motion, compensated_field, error_field,
+    Chain, Compensation, Ensemble, ErrorModel, Form, Grid, Magnitudes, Motion, Truth, compensated_field, error_field,
 };
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
+use std::cell::Cell;
 use std::f64::consts::PI;
 use std::fmt::Write;
 
@@ -246,6 +247,28 @@ fn the_orientation_error_turns_the_ideal_array_into_the_actual_one() {
         }
         Ok(())
     });
+}
+
+#[test]
+fn the_true_pose_is_that_of_the_static_chain_and_what_kinematic_errors_add() {
+    let moved = Cell::new(0);
+    for_any(|text, at| {
+        let mut machine = Machine::parse(text).unwrap();
+        let [x, y, z, a, b, g] = radians(at);
+        let motors = [x * 1e3, y * 1e3, z * 1e3, a * 1e9, b * 1e9, g * 1e9];
+        let (model, truth) = (ErrorModel::of(&machine), Truth::new(&machine));
+        let fibre = model.actual(radians(at), Form::Exact).point(model.fibre_point_um.into());
+        prop_assert!((truth.place(motors).1 * 1e-3 - fibre).norm() < 1e-9);
+        let with = truth.pose(motors);
+        machine.kinematic = Kinematic::default();
+        let (without, chain) = (Truth::new(&machine).pose(motors), Chain::new(&machine).true_pose(motors));
+        for (i, (pose, chain)) in without.into_iter().zip(chain).enumerate() {
+            prop_assert!((pose - chain).abs() < 1e-5, "{i}: {pose} {chain}");
+        }
+        moved.set(moved.get() + u32::from(with != without));
+        Ok(())
+    });
+    assert!(moved.get() > 0, "some have kinematic errors");
 }
 
 #[test]

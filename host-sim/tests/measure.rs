@@ -1,7 +1,7 @@
 //! The commands `measure` and `identify` as a user meets them, and what they say about bad files.
 
 use host_sim::identify::{Options, identify, parse};
-use host_sim::machine::Machine;
+use host_sim::machine::{ErrorName, Function, Machine};
 use host_sim::measure::{Settings, measure, nominal};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -24,6 +24,29 @@ fn shipped(name: &str) -> String {
 
 fn text(path: &Path) -> &str {
     path.to_str().expect("a plain name")
+}
+
+#[test]
+fn kinematic_errors_of_the_stage_are_in_what_is_measured() {
+    let mut machine = Machine::paper();
+    let quiet = Settings { noise_nm: 0.0, drift_nm_per_hour: 0.0, ..Settings::default() };
+    let straightness = |machine: &Machine| -> Vec<f64> {
+        let files = measure(machine, &quiet);
+        let file = files.iter().find(|file| file.file == "straightness-X-y.csv").expect("it is measured");
+        let rows = file.text.lines().filter(|line| line.starts_with(|c: char| c.is_ascii_digit() || c == '-'));
+        rows.map(|row| row.split(',').nth(3).unwrap().parse().unwrap()).collect()
+    };
+    let straight = straightness(&machine);
+    let error = ErrorName::all().find(|name| name.iso() == "EYX").unwrap();
+    let bow = 0.8e-7;
+    machine.kinematic.set(error, Function::new(vec![0.0, 0.0, bow], vec![], vec![]).unwrap());
+    let bent = straightness(&machine);
+    let ends = [0, straight.len() / 4, straight.len() / 2 - 1].map(|k| bent[k] - straight[k]);
+    let reach = 5000.0 * (1.0 - 1.0 / 11.0);
+    assert!(
+        (ends[0] - bow * reach * reach).abs() < 0.02 && (ends[2] - ends[0]).abs() < 0.02 && ends[1].abs() < 0.1,
+        "{ends:?}"
+    );
 }
 
 #[test]

@@ -89,7 +89,9 @@ fn the_pose_is_the_exact_chain_of_the_actuators() {
     stage.feed(&steps(5, 2000));
     stage.feed(&steps(1, -300));
     let wanted = host_sim::model::Chain::new(&machine).true_pose(stage.actuators());
-    assert_eq!(stage.true_pose(), wanted);
+    for (pose, wanted) in stage.true_pose().into_iter().zip(wanted) {
+        assert!((pose - wanted).abs() < 1e-6, "{pose} {wanted}");
+    }
     assert!(wanted[5] > 7.9e6 && wanted[1] < 0.0);
 }
 

@@ -3,8 +3,8 @@
 use super::Settings;
 use super::instrument::Noise;
 use crate::identify::{Behind, Constant, Kind, Walk};
-use crate::machine::Machine;
-use crate::model::{Chain, exp};
+use crate::machine::{Kinematic, Machine};
+use crate::model::{Chain, Truth, exp};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::Serialize;
 use stage_controller::units::{AXES, Axis};
@@ -47,21 +47,28 @@ pub struct Spoiled {
     pub by: f64,
 }
 
-/// The machine as its drawing says, without what is to be measured: no static errors, mounts and backlash, and the
-/// three fitted offsets at 0.
+/// The machine as its drawing says, without what is to be measured: no static and kinematic errors, mounts and
+/// backlash, and the three fitted offsets at 0.
 pub fn nominal(machine: &Machine) -> Machine {
     let mut nominal = machine.clone();
     for constant in Constant::all(&machine.order) {
         constant.set(&mut nominal, 0.0);
     }
+    nominal.kinematic = Kinematic::default();
     nominal.drives.iter_mut().for_each(|drive| drive.backlash = 0.0);
     nominal
 }
 
 /// All measurements of a machine; the order of its axes decides nothing.
 pub fn measure(machine: &Machine, settings: &Settings) -> Vec<MeasuredFile> {
-    let mut stage =
-        Stage { machine, chain: Chain::new(machine), noise: Noise::new(settings.seed), settings, files: Vec::new() };
+    let mut stage = Stage {
+        machine,
+        chain: Chain::new(machine),
+        truth: Truth::new(machine),
+        noise: Noise::new(settings.seed),
+        settings,
+        files: Vec::new(),
+    };
     Axis::ALL.into_iter().for_each(|axis| stage.positioning(axis));
     for axis in Axis::LINEAR {
         for direction in (0..3).filter(|direction| *direction != axis.index()) {
@@ -79,6 +86,7 @@ pub fn measure(machine: &Machine, settings: &Settings) -> Vec<MeasuredFile> {
 struct Stage<'a> {
     machine: &'a Machine,
     chain: Chain,
+    truth: Truth,
     noise: Noise,
     settings: &'a Settings,
     files: Vec<MeasuredFile>,
@@ -170,14 +178,6 @@ impl Stage<'_> {
         actuators
     }
 
-    /// Orientation of the array and the fibre point (nm) in chip axes.
-    fn place(&self, actuators: [f64; AXES]) -> (Matrix3<f64>, Vector3<f64>) {
-        let pose = self.chain.true_pose(actuators);
-        let turned = self.chain.euler().compose([pose[3], pose[4], pose[5]].map(|angle| angle * 1e-9));
-        let fibre = self.chain.fibre_home() + Vector3::new(pose[0], pose[1], pose[2]);
-        (turned * self.chain.home_rotation(), fibre)
-    }
-
     fn positioning(&mut self, axis: Axis) {
         let kind = Kind::Positioning(axis);
         let (unit, size) = if axis.is_rotary() { ("deg", NRAD_PER_DEG) } else { ("um", 1e3) };
@@ -186,7 +186,7 @@ impl Stage<'_> {
         let keys = [format!("axis: {}", axis.name()), format!("instrument: {instrument}")];
         let mut sheet = self.sheet(kind, &keys, &format!("target_{unit},run,direction,measured_{read},time_s"));
         let zero = self.noise.between(-1e3, 1e3);
-        let (home_rotation, home) = self.place([0.0; AXES]);
+        let (home_rotation, home) = self.truth.place([0.0; AXES]);
         let targets = self.targets(axis);
         for run in 1..=RUNS {
             for down in [false, true] {
@@ -195,7 +195,7 @@ impl Stage<'_> {
                     way.reverse();
                 }
                 for target in way {
-                    let (rotation, point) = self.place(self.alone(axis, target, down));
+                    let (rotation, point) = self.truth.place(self.alone(axis, target, down));
                     let moved = if axis.is_rotary() {
                         let screw = self.chain.screws()[axis.index() - 3];
                         scaled_axis(&(rotation * home_rotation.transpose())).dot(&screw.direction) * 1e9
@@ -223,7 +223,7 @@ impl Stage<'_> {
         let home = self.chain.fibre_home();
         for run in 1..=2 {
             for target in self.targets(axis) {
-                let (_, point) = self.place(self.alone(axis, target, false));
+                let (_, point) = self.truth.place(self.alone(axis, target, false));
                 let value = point[direction] - home[direction] + offset + slope * target + sheet.drifted(0);
                 let value = value + sheet.noise * self.noise.normal();
                 let time = sheet.time();
@@ -262,7 +262,7 @@ impl Stage<'_> {
                     let targets = self.targets(axis);
                     motors[axis.index()] = targets[if signs[axis.index()] > 0.0 { k } else { TARGETS - 1 - k }];
                 }
-                let (_, point) = self.place(motors);
+                let (_, point) = self.truth.place(motors);
                 let from = *start.get_or_insert(point);
                 let value = (point - from).norm() + zero + sheet.noise * self.noise.normal() + sheet.drifted(0);
                 let [x, y, z] = [motors[0], motors[1], motors[2]].map(|v| v * 1e-3);
@@ -290,7 +290,7 @@ impl Stage<'_> {
                 let share = (AUTOCOLLIMATOR_RANGE / reach[0].max(reach[1])).min(1.0);
                 motors[axis.index()] = self.stepped(axis, motors[axis.index()] * share);
             }
-            let (rotation, _) = self.place(motors);
+            let (rotation, _) = self.truth.place(motors);
             let n = rotation * exp(tilt) * Vector3::z();
             let angles = [(-n.y).atan2(n.z), n.x.atan2(n.z)];
             let mut value =
@@ -336,7 +336,7 @@ impl Stage<'_> {
         for row in 0..count {
             let motors = self.anywhere();
             let Behind { actuators, .. } = walk.to(&motors);
-            let (_, point) = self.place(actuators);
+            let (_, point) = self.truth.place(actuators);
             let mut value: [f64; 3] =
                 std::array::from_fn(|c| point[c] + sheet.noise * self.noise.normal() + sheet.drifted(c));
             if spoiled_rows.contains(&row) {
@@ -363,7 +363,7 @@ impl Stage<'_> {
         let mut walk = Walk::new(self.play());
         for _ in 0..self.settings.orientation_poses {
             let motors = self.anywhere();
-            let (rotation, _) = self.place(walk.to(&motors).actuators);
+            let (rotation, _) = self.truth.place(walk.to(&motors).actuators);
             let noise = Vector3::from_fn(|_, _| sheet.noise * self.noise.normal());
             let drift = Vector3::from_fn(|c, _| sheet.drifted(c));
             let vector = scaled_axis(&(exp((noise + drift) * 1e-9) * rotation)) * 1e6;

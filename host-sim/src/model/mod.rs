@@ -14,6 +14,7 @@ mod sensitivity;
 mod structure;
 mod tables;
 mod topology;
+mod truth;
 
 pub use accuracy::{Accuracy, AccuracyOptions, Fields, MotionAccuracy, accuracy};
 pub(crate) use chain::static_vector;
@@ -35,3 +36,4 @@ pub use tables::{
     CharacteristicRow, ErrorRow, StaticErrorRow, characteristic_matrices, kinematic_errors, static_errors,
 };
 pub use topology::{BASE, CHIP, Joint, PairFreedom, Topology, TopologyError, Turned, coordinate};
+pub use truth::Truth;

@@ -11,7 +11,7 @@
 
 use super::after_word;
 use crate::machine::Machine;
-use crate::model::Chain;
+use crate::model::Truth;
 use stage_controller::stepgen::pins::{DIR_MASK, DIR_PINS, STEP_MASK, STEP_PINS};
 use stage_controller::units::{AXES, MotorSteps};
 
@@ -67,7 +67,7 @@ impl Drive {
 /// The stage as the step words move it.
 #[derive(Clone, Debug)]
 pub struct Mechanics {
-    chain: Chain,
+    truth: Truth,
     steps: [f64; AXES],
     drives: [Drive; AXES],
     /// Port bits of the DIR lines whose sense is inverted.
@@ -85,7 +85,7 @@ impl Mechanics {
             inverted_lines |= u32::from(invert) << pin;
         }
         Mechanics {
-            chain: Chain::new(machine),
+            truth: Truth::new(machine),
             steps: machine.drives.map(|drive| drive.step),
             drives: machine.drives.map(|drive| {
                 let half_play = 0.5 * drive.backlash / drive.step;
@@ -225,8 +225,8 @@ impl Mechanics {
         std::array::from_fn(|i| (self.drives[i].driven + self.drives[i].half_play) * self.steps[i])
     }
 
-    /// True pose of the fibre point in nm and nrad, see [`Chain::true_pose`].
+    /// True pose of the fibre point in nm and nrad, with all errors that the machine file gives: [`Truth::pose`].
     pub fn true_pose(&self) -> [f64; AXES] {
-        self.chain.true_pose(self.actuators())
+        self.truth.pose(self.actuators())
     }
 }

@@ -1,9 +1,8 @@
 //! Controller and stage from stop to stop: fixed-point law, reversal rule, overlay; play and all errors of the stage.
 
 use crate::machine::Machine;
-use crate::model::{ErrorModel, Euler, Form, Frame, vee};
+use crate::model::{Euler, vee};
 use crate::twin::Mechanics;
-use nalgebra::Vector3;
 use serde::Serialize;
 use stage_controller::compensation::backlash::{Flank, Play, PlayConfig};
 use stage_controller::compensation::calibration::Calibration;
@@ -67,8 +66,6 @@ pub struct Stage {
     plays: [Play; AXES],
     configs: [PlayConfig; AXES],
     mechanics: Mechanics,
-    model: ErrorModel,
-    home: Frame,
     euler: Euler,
     pose: [f64; AXES],
 }
@@ -77,7 +74,6 @@ impl Stage {
     /// At home, with parts of the compensation.
     pub fn new(machine: &Machine, calibration: &Calibration, mode: Mode) -> Self {
         let switches = mode.switches();
-        let model = ErrorModel::of(machine);
         let width = |steps: u32| if switches.compensation && switches.backlash { steps as i32 } else { 0 };
         Stage {
             law: Law::new(calibration, switches, calibration.fibre_point),
@@ -86,8 +82,6 @@ impl Stage {
                 .motors
                 .map(|motor| PlayConfig { width: width(motor.backlash_steps), ..PlayConfig::default() }),
             mechanics: Mechanics::new(machine, [false; AXES]),
-            home: model.actual([0.0; AXES], Form::Exact),
-            model,
             euler: Euler::new(&machine.order),
             pose: [0.0; AXES],
         }
@@ -115,14 +109,9 @@ impl Stage {
         self.mechanics.motors()
     }
 
-    /// True pose, nm and nrad, counted from home: behind the play, with all errors that the machine file gives.
+    /// True pose, nm and nrad, counted from home: [`Mechanics::true_pose`].
     pub fn true_pose(&self) -> [f64; AXES] {
-        let [x, y, z, a, b, g] = self.mechanics.actuators();
-        let at = self.model.actual([x * 1e-3, y * 1e-3, z * 1e-3, a * 1e-9, b * 1e-9, g * 1e-9], Form::Exact);
-        let fibre = Vector3::from(self.model.fibre_point_um);
-        let moved = (at.point(fibre) - self.home.point(fibre)) * 1e3;
-        let turned = self.euler.decompose(&(at.rotation * self.home.rotation.transpose())).map(|angle| angle * 1e9);
-        [moved.x, moved.y, moved.z, turned[0], turned[1], turned[2]]
+        self.mechanics.true_pose()
     }
 
     fn miss(&self) -> Miss {
