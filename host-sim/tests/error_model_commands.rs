@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 fn host_sim(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_host-sim")).args(args).output().expect("host-sim runs")
@@ -43,6 +43,16 @@ fn with_kinematic(name: &str, kinematic: &str) -> String {
 fn row(markdown: &str, first: &str) -> Vec<String> {
     let line = markdown.lines().find(|line| line.starts_with(&format!("| {first} "))).expect(first);
     line.trim_matches('|').split('|').map(|cell| cell.trim().to_string()).collect()
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_failure() {
+    let mut tool = Command::new(env!("CARGO_BIN_EXE_host-sim"));
+    let tool = tool.args(["report", "paper", "--json"]).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut running = tool.spawn().expect("host-sim runs");
+    drop(running.stdout.take());
+    let done = running.wait_with_output().unwrap();
+    assert!(done.status.success() && done.stderr.is_empty(), "{done:?}");
 }
 
 #[test]

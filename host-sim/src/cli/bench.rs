@@ -1,7 +1,7 @@
 //! `host-sim bench`: how fast the simulation is, how much the segment generator costs.
 
 use super::Failure;
-use super::common::{board, load};
+use super::common::{board, load, say, say_json};
 use crate::board::{Board, Queue};
 use crate::machine::Machine;
 use crate::session::power_up;
@@ -116,8 +116,7 @@ impl Args {
         };
         if let Some(rate) = self.counted {
             let run = generator_alone(&machine, rate, None)?;
-            println!("{} {}", run.segments, run.steps);
-            return Ok(());
+            return say(format!("{} {}", run.segments, run.steps));
         }
         let each = |measure: &dyn Fn(f64) -> Result<Run, Failure>| {
             RATES.into_iter().map(measure).collect::<Result<Vec<_>, _>>()
@@ -136,12 +135,7 @@ impl Args {
             instructions,
             instructions_note,
         };
-        if self.json {
-            println!("{}", serde_json::to_string_pretty(&figures).expect("figures are plain data"));
-        } else {
-            print!("{figures}");
-        }
-        Ok(())
+        if self.json { say_json(&figures) } else { say(figures) }
     }
 }
 

@@ -1,7 +1,7 @@
 //! `host-sim calibrate`: machine file in, calibration block out.
 
 use super::Failure;
-use super::common::load;
+use super::common::{load, say, say_json};
 use crate::calibrate::calibrate;
 use stage_controller::compensation::calibration::BLOCK_CAPACITY;
 use std::path::PathBuf;
@@ -29,11 +29,9 @@ impl Args {
         std::fs::write(&self.output, &block[..length])
             .map_err(|source| Failure::Io { path: self.output.display().to_string(), source })?;
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&report).expect("a report is plain data"));
+            say_json(&report)
         } else {
-            println!("{report}");
-            println!("{} bytes written to {}", length, self.output.display());
+            say(format!("{report}\n{length} bytes written to {}", self.output.display()))
         }
-        Ok(())
     }
 }

@@ -5,6 +5,8 @@ use crate::board::{Board, Interleaving};
 use crate::machine::{Machine, MachineError};
 use crate::session::power_up;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::fmt::Display;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::sync::Once;
 use std::time::{Duration, Instant};
@@ -21,6 +23,26 @@ pub fn load(path: &Path) -> Result<Machine, Failure> {
         MachineError::Read { path, source } => Failure::Io { path, source },
         other => Failure::Refused(format!("{}: {other}", path.display())),
     })
+}
+
+/// Writes a line or several to standard output. A reader that has seen enough and went away is no failure.
+pub fn say(text: impl Display) -> Result<(), Failure> {
+    let mut text = text.to_string();
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(source) if source.kind() != ErrorKind::BrokenPipe => {
+            Err(Failure::Io { path: "standard output".into(), source })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The same of a result as one JSON object.
+pub fn say_json(result: &impl serde::Serialize) -> Result<(), Failure> {
+    say(serde_json::to_string_pretty(result).expect("a result is plain data"))
 }
 
 /// A board in front of the machine's twin with its calibration, at rest; unless `cold`, homed at 0 on the reference

@@ -1,7 +1,7 @@
 //! `host-sim field`: accuracy of the fibre point over the travel.
 
 use super::Failure;
-use super::common::{load, with_progress};
+use super::common::{load, say, with_progress};
 use super::sheet::{Sheet, Sizes, Style, numbers, positive, three};
 use crate::machine::Machine;
 use crate::model::{
@@ -78,8 +78,7 @@ impl Args {
                 .map_err(|source| Failure::Io { path: path.display().to_string(), source })?;
         }
         if self.dump {
-            print!("{}", poses(&result)?);
-            return Ok(());
+            return say(poses(&result)?);
         }
         self.style.print(&result, || sheets(&result))
     }

@@ -1,7 +1,7 @@
 //! `host-sim identify`: measurements in, machine file out.
 
 use super::Failure;
-use super::common::load;
+use super::common::{load, say, say_json};
 use crate::identify::{Identification, Options, ReadError, Refusal, backlash_name, identify, plots, read_directory};
 use crate::machine::{Machine, MachineError, StaticErrors, to_toml_with};
 use indicatif::ProgressBar;
@@ -69,13 +69,7 @@ impl Args {
             }
         }
         std::fs::write(&self.output, text).map_err(|source| io(&self.output, source))?;
-        if self.json {
-            println!("{}", serde_json::to_string_pretty(&result).expect("a result is plain data"));
-        } else {
-            print!("{result}");
-            println!("written to {}", self.output.display());
-        }
-        Ok(())
+        if self.json { say_json(&result) } else { say(format!("{result}written to {}", self.output.display())) }
     }
 
     fn nominal_machine(&self) -> Result<(Machine, String), Failure> {

@@ -1,6 +1,7 @@
 //! `host-sim manual`: the manual of the language, made from the command tree.
 
 use super::Failure;
+use super::common::say;
 use crate::manual;
 use std::path::{Path, PathBuf};
 
@@ -21,10 +22,7 @@ impl Args {
         match (self.output, self.check) {
             (Some(path), _) => std::fs::write(&path, text).map_err(|source| failed(&path, source)),
             (None, Some(path)) => check(&path, &text),
-            (None, None) => {
-                print!("{text}");
-                Ok(())
-            }
+            (None, None) => say(text),
         }
     }
 }

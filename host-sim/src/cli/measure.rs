@@ -1,7 +1,7 @@
 //! `host-sim measure`: a machine in, measurements of it out.
 
 use super::Failure;
-use super::common::load;
+use super::common::{load, say, say_json};
 use crate::machine::to_toml_with;
 use crate::measure::{MeasuredFile, Settings, measure, nominal};
 use serde::Serialize;
@@ -96,17 +96,15 @@ impl Args {
         }
         let report = Report { machine: machine.name, seed: self.seed, files };
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&report).expect("a report is plain data"));
-        } else {
-            for file in &report.files {
-                println!("{}: {}, {} readings", file.file, file.kind, file.readings);
-                for spoiled in &file.spoiled {
-                    println!("  line {}: {} spoiled by {:+.1} nm", spoiled.line, spoiled.column, spoiled.by);
-                }
-            }
-            println!("written to {}", self.output.display());
+            return say_json(&report);
         }
-        Ok(())
+        for file in &report.files {
+            say(format!("{}: {}, {} readings", file.file, file.kind, file.readings))?;
+            for spoiled in &file.spoiled {
+                say(format!("  line {}: {} spoiled by {:+.1} nm", spoiled.line, spoiled.column, spoiled.by))?;
+            }
+        }
+        say(format!("written to {}", self.output.display()))
     }
 
     /// `identify` reads every .csv file of the directory: none of another measurement may lie there.

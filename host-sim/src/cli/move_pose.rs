@@ -1,7 +1,7 @@
 //! `host-sim move`: one pose with the compensation on and off, and where the stage really stands.
 
 use super::Failure;
-use super::common::{board, load};
+use super::common::{board, load, say, say_json};
 use crate::board::Board;
 use crate::machine::Machine;
 use serde::Serialize;
@@ -53,12 +53,10 @@ impl Args {
         let pose = read_pose(&self.pose)?;
         let runs = Runs { on: travel(&machine, pose, true)?, off: travel(&machine, pose, false)? };
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&runs).expect("a run is plain data"));
+            say_json(&runs)
         } else {
-            println!("machine {}, from home on the reference flank", machine.name);
-            print!("{runs}");
+            say(format!("machine {}, from home on the reference flank\n{runs}", machine.name))
         }
-        Ok(())
     }
 }
 

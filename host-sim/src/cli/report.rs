@@ -1,7 +1,7 @@
 //! `host-sim report`: everything about a machine on one page.
 
 use super::Failure;
-use super::common::{load, with_progress};
+use super::common::{load, say, say_json, with_progress};
 use crate::report::{Report, render};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -38,11 +38,11 @@ impl Args {
             replace(path, page.as_bytes())
                 .map_err(|source| Failure::Io { path: path.display().to_string(), source })?;
             if !self.json {
-                println!("{} bytes written to {}", page.len(), path.display());
+                say(format!("{} bytes written to {}", page.len(), path.display()))?;
             }
         }
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&report).expect("a report is plain data"));
+            say_json(&report)?;
         }
         Ok(())
     }

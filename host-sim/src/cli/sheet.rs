@@ -1,6 +1,7 @@
 //! A table of text, as Markdown or as CSV.
 
 use super::Failure;
+use super::common::{say, say_json};
 use crate::machine::FARTHEST_UM;
 
 /// A titled table.
@@ -71,15 +72,13 @@ impl Style {
     /// Prints a result in this style; `sheets` are only made when needed.
     pub fn print(&self, result: &impl serde::Serialize, sheets: impl FnOnce() -> Vec<Sheet>) -> Result<(), Failure> {
         if self.json {
-            println!("{}", serde_json::to_string_pretty(result).expect("a result is plain data"));
-            return Ok(());
+            return say_json(result);
         }
         let texts: Vec<String> = sheets()
             .iter()
             .map(|sheet| if self.csv { sheet.csv() } else { Ok(sheet.markdown()) })
             .collect::<Result<_, _>>()?;
-        println!("{}", texts.join("\n").trim_end());
-        Ok(())
+        say(texts.join("\n").trim_end())
     }
 }
 

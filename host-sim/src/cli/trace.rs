@@ -1,7 +1,7 @@
 //! `host-sim trace`: the pins of a session as a VCD file, for a logic analyser's viewer, or word by word.
 
 use super::Failure;
-use super::common::{board, load};
+use super::common::{board, load, say};
 use crate::board::Played;
 use crate::console::Console;
 use crate::twin::after_word;
@@ -81,12 +81,12 @@ impl Args {
         };
         let answers = console.script(&script, &mut observe).map_err(Failure::Refused)?;
         console.settle(&mut observe);
-        answers.iter().for_each(|answer| println!("{answer}"));
+        answers.iter().try_for_each(say)?;
         let errors = console.line("SYST:ERR:ALL?", observe);
         let board = &console.board;
         if let (Some(trace), Some(path)) = (trace, &self.output) {
             let edges = trace.end(board.played()).map_err(io(path))?;
-            println!("{edges} edges in {} us written to {}", board.now() * SEGMENT_TICKS as u64, path.display());
+            say(format!("{edges} edges in {} us written to {}", board.now() * SEGMENT_TICKS as u64, path.display()))?;
         }
         if let (Some(words), Some(path)) = (words, &self.words) {
             words.end().map_err(io(path))?;
