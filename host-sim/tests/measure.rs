@@ -117,6 +117,87 @@ fn measurements_do_not_mix_with_those_that_lie_there_already() {
     assert_eq!(std::fs::read_dir(&place).unwrap().count(), 1);
 }
 
+/// Names of what lies in a directory, sorted.
+fn names(place: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(place).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = entries.collect();
+    names.sort();
+    names
+}
+
+fn complaint_of(arguments: &[&str], status: i32) -> String {
+    let output = tool(arguments);
+    assert!(output.status.code() == Some(status) && output.stdout.is_empty(), "{arguments:?}: {output:?}");
+    String::from_utf8(output.stderr).unwrap()
+}
+
+#[test]
+fn what_cannot_be_written_leaves_nothing_half_done() {
+    let place = place("half-done");
+    let (data, pictures, far) = (place.join("data"), place.join("pictures"), place.join("nowhere/found.toml"));
+    assert!(tool(&["measure", "--machine", "paper", "-o", text(&data)]).status.success());
+    let before = names(&data);
+    let fit = |output: &Path, pictures: &Path| {
+        let (data, output, pictures) = (text(&data), text(output), text(pictures));
+        complaint_of(&["identify", "--measurements", data, "--plots", pictures, "-o", output], 1)
+    };
+    says(&fit(&far, &pictures), &["nowhere/found.toml", "folder does not exist"]);
+    assert_eq!(names(&place), ["data"]);
+    says(&fit(&place.join("found.toml"), &data.join("fibre.csv")), &["fibre.csv", "not a folder"]);
+    says(&fit(&place.join("found.toml"), &data.join("fibre.csv/deeper")), &["fibre.csv", "not a folder"]);
+    assert_eq!((names(&place), names(&data)), (vec!["data".to_string()], before));
+    let blocked = place.join("blocked");
+    std::fs::create_dir_all(blocked.join("nominal.toml")).unwrap();
+    says(&complaint_of(&["measure", "--machine", "paper", "-o", text(&blocked)], 1), &["nominal.toml", "is a folder"]);
+    assert_eq!(names(&blocked), ["nominal.toml"]);
+    let figure = text(&far);
+    says(
+        &complaint_of(&["field", "paper", "--points", "3", "--stages", "1", "-o", figure], 1),
+        &["nowhere/found.toml"],
+    );
+}
+
+#[test]
+fn no_file_that_is_read_is_overwritten() {
+    let place = place("spared");
+    let data = place.join("data");
+    assert!(tool(&["measure", "--machine", "paper", "-o", text(&data)]).status.success());
+    let read = |name: &str| std::fs::read(data.join(name)).unwrap();
+    let before = ["fibre.csv", "nominal.toml"].map(read);
+    let (cases, nominal) = (["fibre.csv", "nominal.toml", "../data/fibre.csv"], data.join("nominal.toml"));
+    for name in cases {
+        let output = data.join(name);
+        let message = complaint_of(&["identify", "--measurements", text(&data), "-o", text(&output)], 2);
+        says(&message, &["would overwrite", "which is read"]);
+    }
+    let nominal = text(&nominal);
+    for arguments in [
+        ["measure", "--machine", nominal, "-o", text(&data)].as_slice(),
+        &["report", nominal, "-o", nominal],
+        &["field", nominal, "-o", nominal],
+        &["calibrate", nominal, "-o", nominal],
+    ] {
+        says(&complaint_of(arguments, 2), &["would overwrite", "nominal.toml"]);
+    }
+    assert_eq!(["fibre.csv", "nominal.toml"].map(read), before);
+}
+
+#[test]
+fn files_that_measure_has_not_made_are_left_alone() {
+    for name in ["nominal.toml", "fibre.csv"] {
+        let place = place("not-made-here");
+        std::fs::write(place.join(name), "# mine\n").unwrap();
+        let measure = ["measure", "--machine", "paper", "-o", text(&place)];
+        says(&complaint_of(&measure, 2), &[name, "was not made by"]);
+        assert_eq!(names(&place), [name]);
+        std::fs::remove_file(place.join(name)).unwrap();
+        assert!(tool(&measure).status.success());
+        let first = names(&place);
+        assert!(tool(&measure).status.success(), "its own files are renewed");
+        assert_eq!(names(&place), first);
+    }
+}
+
 #[test]
 fn a_refusal_names_file_and_line_ends_with_status_2_and_writes_nothing() {
     let place = place("refused");

@@ -1,7 +1,7 @@
 //! `host-sim calibrate`: machine file in, calibration block out.
 
 use super::Failure;
-use super::common::{load, say, say_json};
+use super::common::{load, replace, say, say_json, spares};
 use crate::calibrate::calibrate;
 use stage_controller::compensation::calibration::BLOCK_CAPACITY;
 use std::path::PathBuf;
@@ -22,12 +22,12 @@ pub struct Args {
 impl Args {
     pub(super) fn run(self) -> Result<(), Failure> {
         let machine = load(&self.machine)?;
+        spares(&self.output, &[&self.machine])?;
         let named = |reason: String| Failure::Refused(format!("{}: {reason}", self.machine.display()));
         let (calibration, report) = calibrate(&machine).map_err(|refusal| named(refusal.to_string()))?;
         let mut block = [0; BLOCK_CAPACITY];
         let length = calibration.encode(&mut block).expect("a block fits its capacity");
-        std::fs::write(&self.output, &block[..length])
-            .map_err(|source| Failure::Io { path: self.output.display().to_string(), source })?;
+        replace(&[(&self.output, &block[..length])])?;
         if self.json {
             say_json(&report)
         } else {

@@ -1,7 +1,7 @@
 //! `host-sim field`: accuracy of the fibre point over the travel.
 
 use super::Failure;
-use super::common::{load, say, with_progress};
+use super::common::{load, replace, say, spares, with_progress, writable};
 use super::sheet::{Sheet, Sizes, Style, numbers, positive, three};
 use crate::machine::Machine;
 use crate::model::{
@@ -63,6 +63,10 @@ impl Args {
             let report = at_poses(&machine, &self.pose);
             return self.style.print(&report, || vec![pose_sheet(&report)]);
         }
+        if let Some(path) = &self.output {
+            writable(path)?;
+            spares(path, &[&self.machine])?;
+        }
         let options = AccuracyOptions {
             points: usize::from(self.points),
             linear_half_um: self.linear_um,
@@ -74,8 +78,7 @@ impl Args {
         let result =
             with_progress(options.fields() as u64, "fields", |progress| accuracy(&machine, &options, progress));
         if let Some(path) = &self.output {
-            std::fs::write(path, accuracy_figure(&result))
-                .map_err(|source| Failure::Io { path: path.display().to_string(), source })?;
+            replace(&[(path, accuracy_figure(&result).as_bytes())])?;
         }
         if self.dump {
             return say(poses(&result)?);

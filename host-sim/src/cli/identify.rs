@@ -1,8 +1,10 @@
 //! `host-sim identify`: measurements in, machine file out.
 
 use super::Failure;
-use super::common::{load, say, say_json};
-use crate::identify::{Identification, Options, ReadError, Refusal, backlash_name, identify, plots, read_directory};
+use super::common::{folder, load, replace, say, say_json, spares, writable};
+use crate::identify::{
+    Identification, Options, ReadError, Refusal, Series, backlash_name, identify, plots, read_directory,
+};
 use crate::machine::{Machine, MachineError, StaticErrors, to_toml_with};
 use indicatif::ProgressBar;
 use stage_controller::units::Axis;
@@ -51,6 +53,7 @@ impl Args {
         let (nominal, source) = self.nominal_machine()?;
         let options = Options { hold: self.held()?, drift: !self.no_drift, reject: !self.keep_outliers };
         let series = read_directory(&self.measurements, &nominal.order).map_err(|error| self.failure(error.into()))?;
+        self.check_outputs(&series)?;
         let mut progress = Progress::new();
         let mut result = identify(&series, &nominal, &options, &mut |what| progress.show(what))
             .map_err(|refusal| self.failure(refusal))?;
@@ -59,21 +62,46 @@ impl Args {
         let text = machine_file(&result);
         Machine::parse(&text).map_err(|error| Failure::Refused(impossible(&error)))?;
         // nothing is written before everything is known to be good
+        let mut files = Vec::new();
         if let Some(directory) = &self.plots {
             std::fs::create_dir_all(directory).map_err(|source| io(directory, source))?;
             for (index, file) in result.files.iter().enumerate() {
                 if let Some(svg) = plots::residuals(&result, index) {
-                    let path = directory.join(format!("residuals-{}.svg", file.file.trim_end_matches(".csv")));
-                    std::fs::write(&path, svg).map_err(|source| io(&path, source))?;
+                    files.push((picture(directory, &file.file), svg));
                 }
             }
         }
-        std::fs::write(&self.output, text).map_err(|source| io(&self.output, source))?;
+        files.push((self.output.clone(), text));
+        replace(&files.iter().map(|(path, text)| (path, text.as_bytes())).collect::<Vec<_>>())?;
         if self.json { say_json(&result) } else { say(format!("{result}written to {}", self.output.display())) }
     }
 
+    /// Everything can be written, and nothing that was read is lost by it.
+    fn check_outputs(&self, series: &[Series]) -> Result<(), Failure> {
+        let mut read: Vec<PathBuf> = series.iter().map(|series| self.measurements.join(&series.file)).collect();
+        read.push(self.nominal.clone().unwrap_or_else(|| self.beside()));
+        let mut outputs = vec![self.output.clone()];
+        if let Some(directory) = &self.plots {
+            folder(directory)?;
+            outputs.extend(series.iter().map(|series| picture(directory, &series.file)));
+        }
+        for output in &outputs {
+            spares(output, &read)?;
+            // the folder of the pictures may still have to be made
+            if output.parent() != self.plots.as_deref() || output.exists() {
+                writable(output)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The nominal machine beside the measurements.
+    fn beside(&self) -> PathBuf {
+        self.measurements.join("nominal.toml")
+    }
+
     fn nominal_machine(&self) -> Result<(Machine, String), Failure> {
-        let beside = self.measurements.join("nominal.toml");
+        let beside = self.beside();
         match &self.nominal {
             Some(path) => Ok((load(path)?, path.display().to_string())),
             None if beside.exists() => Ok((load(&beside)?, beside.display().to_string())),
@@ -112,6 +140,11 @@ impl Args {
 
 fn io(path: &Path, source: std::io::Error) -> Failure {
     Failure::Io { path: path.display().to_string(), source }
+}
+
+/// Where the picture of a file's residuals is.
+fn picture(directory: &Path, file: &str) -> PathBuf {
+    directory.join(format!("residuals-{}.svg", file.trim_end_matches(".csv")))
 }
 
 fn impossible(error: &MachineError) -> String {

@@ -1,11 +1,16 @@
 //! `host-sim measure`: a machine in, measurements of it out.
 
 use super::Failure;
-use super::common::{load, say, say_json};
+use super::common::{folder, load, replace, say, say_json, spares, writable};
 use crate::machine::to_toml_with;
 use crate::measure::{MeasuredFile, Settings, measure, nominal};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// The nominal machine beside the measurements.
+const NOMINAL: &str = "nominal.toml";
+/// How it begins, by which it is known again.
+const NOMINAL_HEADER: &str = "What is known of the stage before it is measured.";
 
 /// Measure a stage whose constants are known as instruments would: with noise, drift and backlash, seeded.
 ///
@@ -84,16 +89,24 @@ impl Args {
         };
         let mut files = measure(&machine, &settings);
         files.retain(|file| file.readings > 0);
+        folder(&self.output)?;
         self.refuse_strangers(&files)?;
-        let io = |path: PathBuf| move |source| Failure::Io { path: path.display().to_string(), source };
-        std::fs::create_dir_all(&self.output).map_err(io(self.output.clone()))?;
-        let header = ["What is known of the stage before it is measured.".to_string()];
-        let path = self.output.join("nominal.toml");
-        std::fs::write(&path, to_toml_with(&nominal(&machine), &header, |_| None)).map_err(io(path))?;
-        for file in &files {
-            let path = self.output.join(&file.file);
-            std::fs::write(&path, &file.text).map_err(io(path))?;
+        let known = to_toml_with(&nominal(&machine), &[NOMINAL_HEADER.to_string()], |_| None);
+        let texts = files.iter().map(|file| (file.file.as_str(), file.text.as_str()));
+        let targets: Vec<(PathBuf, &[u8])> = std::iter::once((NOMINAL, known.as_str()))
+            .chain(texts)
+            .map(|(name, text)| (self.output.join(name), text.as_bytes()))
+            .collect();
+        let io = |source| Failure::Io { path: self.output.display().to_string(), source };
+        // a folder that is there is looked at before anything is written, a new one takes all
+        if self.output.is_dir() {
+            for (path, _) in &targets {
+                spares(path, &[&self.machine])?;
+                writable(path)?;
+            }
         }
+        std::fs::create_dir_all(&self.output).map_err(io)?;
+        replace(&targets)?;
         let report = Report { machine: machine.name, seed: self.seed, files };
         if self.json {
             return say_json(&report);
@@ -107,7 +120,8 @@ impl Args {
         say(format!("written to {}", self.output.display()))
     }
 
-    /// `identify` reads every .csv file of the directory: none of another measurement may lie there.
+    /// `identify` reads every .csv file of the directory: none of another measurement may lie there. Nor is what was
+    /// not made here overwritten.
     fn refuse_strangers(&self, files: &[MeasuredFile]) -> Result<(), Failure> {
         let Ok(entries) = std::fs::read_dir(&self.output) else {
             return Ok(());
@@ -119,6 +133,24 @@ impl Args {
                 return Err(Failure::Refused(reason));
             }
         }
+        let names = std::iter::once(NOMINAL).chain(files.iter().map(|file| file.file.as_str()));
+        for path in names.map(|name| self.output.join(name)).filter(|path| path.is_file()) {
+            if !made_here(&path).map_err(|source| Failure::Io { path: path.display().to_string(), source })? {
+                let reason = format!(
+                    "{}: is there already and was not made by `measure`; give a directory of its own",
+                    path.display()
+                );
+                return Err(Failure::Refused(reason));
+            }
+        }
         Ok(())
     }
+}
+
+/// True when one of the comment lines on top is one that `measure` writes.
+fn made_here(path: &Path) -> std::io::Result<bool> {
+    let text = std::fs::read(path)?;
+    let text = String::from_utf8_lossy(&text);
+    let mut comments = text.lines().map_while(|line| line.strip_prefix("# "));
+    Ok(comments.any(|comment| comment == NOMINAL_HEADER || comment.starts_with("made by: host-sim measure")))
 }
