@@ -1,6 +1,6 @@
 //! The commands `measure` and `identify` as a user meets them, and what they say about bad files.
 
-use host_sim::identify::{Options, identify, parse};
+use host_sim::identify::{Options, decode, identify, parse};
 use host_sim::machine::{ErrorName, Function, Machine};
 use host_sim::measure::{Settings, measure, nominal};
 use std::path::{Path, PathBuf};
@@ -303,6 +303,38 @@ fn wrong_names_and_columns_are_refused_by_file_and_line() {
     says(&said, &["fibre.csv:6: noise_um: the noise is already stated in line 7"]);
     let said = complaint("fibre.csv", |t| t.replace("# kind: fibre", "# kind: fibre\n# kind: orientation"));
     says(&said, &["fibre.csv:2:", "contradicts \"fibre\" in line 1"]);
+}
+
+#[test]
+fn comments_may_be_in_any_encoding_and_nothing_else() {
+    let with = |bytes: &[u8]| [b"# kind: squareness\n", bytes].concat();
+    let read = |bytes: &[u8]| {
+        let bytes = with(bytes);
+        decode("square.csv", &bytes).and_then(|text| parse("square.csv", &text, &Machine::paper().order))
+    };
+    let column = Machine::paper();
+    let good = measure(&column, &Settings::default()).into_iter().find(|file| file.kind == "squareness").unwrap();
+    let rows = good.text.lines().filter(|line| !line.starts_with('#')).collect::<Vec<_>>().join("\n");
+    let latin = read(&[b"# operator: M\xfcller\n", rows.as_bytes()].concat()).unwrap();
+    let plain = read(rows.as_bytes()).unwrap();
+    assert_eq!(latin.readings.len(), plain.readings.len());
+    let error = read(&[rows.as_bytes(), b"\nX\xfc,1\n"].concat()).unwrap_err().to_string();
+    says(&error, &[&format!("square.csv:{}:", rows.lines().count() + 2), "not UTF-8"]);
+    // indented comments and blank lines are none of the rows
+    let indented = read(format!("  # note: shaken\n   \n{rows}\n \t# the end\n").as_bytes()).unwrap();
+    assert_eq!(indented.readings.len(), plain.readings.len());
+    assert_eq!(indented.readings[0].line, plain.readings[0].line + 2);
+}
+
+#[test]
+fn other_separators_than_commas_get_a_hint() {
+    for separator in [";", "\t"] {
+        let message = complaint("fibre.csv", |text| {
+            let row = |line: &str| if line.starts_with('#') { line.into() } else { line.replace(',', separator) };
+            text.lines().map(row).collect::<Vec<String>>().join("\n")
+        });
+        says(&message, &["fibre.csv:", "separate columns by commas, with a decimal point"]);
+    }
 }
 
 #[test]

@@ -68,11 +68,36 @@ pub fn read_directory(directory: &Path, order: &[Axis; AXES]) -> Result<Vec<Seri
     }
     let mut all = Vec::new();
     for path in paths {
-        let text = std::fs::read_to_string(&path).map_err(io(&path))?;
+        let bytes = std::fs::read(&path).map_err(io(&path))?;
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        all.push(parse(&name, &text, order)?);
+        all.push(parse(&name, &decode(&name, &bytes)?, order)?);
     }
     Ok(all)
+}
+
+/// The text of a file. Comments are for people and may be in any encoding; what is read must be UTF-8.
+///
+/// # Errors
+/// Names the first line that is neither.
+pub fn decode(file: &str, bytes: &[u8]) -> Result<String, ReadError> {
+    let lines = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes).split(|byte| *byte == b'\n');
+    for (line, content) in (1..).zip(lines) {
+        if !content.trim_ascii_start().starts_with(b"#") && std::str::from_utf8(content).is_err() {
+            let reason = format!("{:?} is not UTF-8; save the file as UTF-8 text", String::from_utf8_lossy(content));
+            return Err(ReadError::Line { file: file.into(), line, reason });
+        }
+    }
+    Ok(String::from_utf8_lossy(bytes).into_owned())
+}
+
+/// A comment line.
+fn is_comment(line: &str) -> bool {
+    line.trim_start().starts_with('#')
+}
+
+/// What to do about a field that was not taken because of what stands between the columns.
+fn hint(field: &str) -> &'static str {
+    if field.contains([';', '\t']) { "; separate columns by commas, with a decimal point" } else { "" }
 }
 
 /// Text of a file with its name for messages.
@@ -127,7 +152,7 @@ impl Source<'_> {
         match text.trim().parse::<f64>() {
             Ok(number) if number.is_finite() => Ok(number),
             Ok(number) => self.refuse(line, format!("{what} = {number}: must be a finite number; leave out the row")),
-            Err(_) => self.refuse(line, format!("{what} = {text:?}: must be a number")),
+            Err(_) => self.refuse(line, format!("{what} = {text:?}: must be a number{}", hint(text))),
         }
     }
 }
@@ -307,15 +332,13 @@ fn expected(kind: Kind) -> Vec<(String, Column, Option<Quantity>, bool)> {
 }
 
 fn rows(source: &Source, text: &str, mut series: Series) -> Result<Series, ReadError> {
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .has_headers(false)
-        .flexible(true)
-        .from_reader(text.as_bytes());
-    // a record's own position is where the comments before it begin
-    let content = |line: &str| !line.trim().is_empty() && !line.starts_with('#');
-    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| content(line)).map(|(number, _)| number);
+    // comments begin as they do for the keys; a record's own position would be where the comments before it begin
+    let content: Vec<(u64, &str)> =
+        (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty() && !is_comment(line)).collect();
+    let body: String = content.iter().flat_map(|(_, line)| [line, "\n"]).collect();
+    let mut reader =
+        csv::ReaderBuilder::new().trim(csv::Trim::All).has_headers(false).flexible(true).from_reader(body.as_bytes());
+    let mut lines = content.iter().map(|(number, _)| *number);
     let mut records = reader.records();
     let mut next = || -> Result<Option<(u64, csv::StringRecord)>, ReadError> {
         let Some(line) = lines.next() else { return Ok(None) };
@@ -333,7 +356,9 @@ fn rows(source: &Source, text: &str, mut series: Series) -> Result<Series, ReadE
     series.units = units;
     while let Some((line, record)) = next()? {
         if record.len() != columns.len() {
-            let reason = format!("{} fields, the header in line {header_line} has {}", record.len(), columns.len());
+            let hint = record.iter().map(hint).find(|hint| !hint.is_empty()).unwrap_or_default();
+            let reason =
+                format!("{} fields, the header in line {header_line} has {}{hint}", record.len(), columns.len());
             return source.refuse(line, reason);
         }
         let mut reading =
@@ -401,7 +426,8 @@ fn columns(source: &Source, line: u64, header: &csv::StringRecord, kind: Kind) -
             Some(Err(reason)) => return source.refuse(line, reason),
             None => {
                 let names: Vec<_> = expected.iter().map(written).collect();
-                let reason = format!("unknown column {name:?}; {} files have {}", kind.name(), names.join(", "));
+                let (kind, names) = (kind.name(), names.join(", "));
+                let reason = format!("unknown column {name:?}{}; {kind} files have {names}", hint(name));
                 return source.refuse(line, reason);
             }
         };
