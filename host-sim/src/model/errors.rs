@@ -46,13 +46,6 @@ impl Frame {
         let rotation = self.rotation.try_inverse().expect("errors of a stage are small rotations");
         Frame { rotation, origin: -(rotation * self.origin) }
     }
-
-    /// The same as a 4x4 homogeneous matrix, row by row.
-    pub fn homogeneous(&self) -> [[f64; 4]; 4] {
-        let (r, p) = (&self.rotation, &self.origin);
-        let row = |i: usize| [r[(i, 0)], r[(i, 1)], r[(i, 2)], p[i]];
-        [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
-    }
 }
 
 impl Mul for Frame {
