@@ -209,6 +209,32 @@ fn field_gives_the_error_at_single_poses() {
 }
 
 #[test]
+fn field_refuses_coordinates_that_no_machine_has_and_marks_those_beyond_the_travel() {
+    for (option, value, reason) in [
+        ("--linear-um", "1e300", "at most 536870.912 um"),
+        ("--linear-um", "536871", "536871 um is beyond"),
+        ("--angular-deg", "31", "31 deg is beyond"),
+        ("--pose", "0,0,-1e9,0,0,0", "Z: -1000000000 um is beyond"),
+        ("--pose", "0,0,0,0,90,0", "beta: 90 deg is beyond"),
+    ] {
+        let message = refused(&["field", "paper", &format!("{option}={value}")]);
+        assert!(message.contains(reason), "{message}");
+    }
+    let small = ["field", "paper", "--points", "3", "--stages", "1"];
+    assert!(!said(&small).contains("beyond"), "the travel itself is not beyond the travel");
+    let far = json(&[&small[..], &["--linear-um", "536870", "--angular-deg", "30"]].concat());
+    assert_eq!(far["motions"][0]["beyond_travel"], serde_json::json!(["X", "Y", "Z"]));
+    assert!(far["motions"][0]["machine"]["norm_um"]["max"].as_f64().unwrap() > 1.0);
+    let text = said(&[&small[..], &["--angular-deg", "4"]].concat());
+    assert!(text.contains("beyond the machine's travel of alpha, beta, gamma"), "{text}");
+    let text = said(&["field", "paper", "--pose", "0,6000,0,0,0,0", "--pose", "0,5000,0,0,0,0"]);
+    assert!(
+        text.contains("0 6000* 0") && text.contains("0 5000 0") && text.contains("*: beyond the machine's"),
+        "{text}"
+    );
+}
+
+#[test]
 fn field_dumps_every_pose() {
     let csv = said(&["field", "paper", "--dump", "--points", "3", "--stages", "1"]);
     let mut reader = csv::Reader::from_reader(csv.as_bytes());

@@ -6,9 +6,10 @@ use super::sheet::{Sheet, Sizes, Style, numbers, positive, three};
 use crate::machine::Machine;
 use crate::model::{
     Accuracy, AccuracyOptions, Ensemble, EnsembleStatistics, ErrorModel, FirstOrderGap, Motion, MotionAccuracy,
-    Statistics, accuracy, accuracy_figure,
+    Statistics, accuracy, accuracy_figure, beyond_travel,
 };
 use serde::Serialize;
+use stage_controller::units::{Axis, COORDINATE_LIMIT};
 use std::path::PathBuf;
 
 /// Print how far the fibre point is from where it should be over linear and over angular motion: maximum, rms,
@@ -23,10 +24,10 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u16).range(2..=101))]
     points: u16,
     /// X, Y, Z from minus to plus this, um [default: the machine's travel].
-    #[arg(long, value_name = "UM", value_parser = positive)]
+    #[arg(long, value_name = "UM", value_parser = half_um)]
     linear_um: Option<f64>,
     /// alpha, beta, gamma from minus to plus this, degrees [default: the machine's travel].
-    #[arg(long, value_name = "DEG", value_parser = positive)]
+    #[arg(long, value_name = "DEG", value_parser = half_deg)]
     angular_deg: Option<f64>,
     #[command(flatten)]
     sizes: Sizes,
@@ -43,7 +44,7 @@ pub struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
     fibre_point_um: Option<[f64; 3]>,
     /// Only the error of the machine, not compensated, at this pose (um and degrees); may be given again.
-    #[arg(long, value_name = "X,Y,Z,ALPHA,BETA,GAMMA", value_parser = numbers::<6>, allow_hyphen_values = true,
+    #[arg(long, value_name = "X,Y,Z,ALPHA,BETA,GAMMA", value_parser = coordinates, allow_hyphen_values = true,
           conflicts_with_all = ["output", "dump"])]
     pose: Vec<[f64; 6]>,
     /// Print the fields of the machine, pose by pose, as CSV instead of their statistics.
@@ -51,6 +52,37 @@ pub struct Args {
     dump: bool,
     #[command(flatten)]
     style: Style,
+}
+
+/// Largest coordinate that a controller knows: um, degrees.
+fn farthest() -> [f64; 2] {
+    let limit = f64::from(COORDINATE_LIMIT);
+    [limit * 1e-3, (limit * 1e-9).to_degrees()]
+}
+
+fn within(value: f64, farthest: f64, unit: &str) -> Result<f64, String> {
+    if value.abs() <= farthest {
+        return Ok(value);
+    }
+    Err(format!("{value} {unit} is beyond any machine's coordinates: at most {farthest:.3} {unit} from home"))
+}
+
+fn half_um(text: &str) -> Result<f64, String> {
+    positive(text).and_then(|value| within(value, farthest()[0], "um"))
+}
+
+fn half_deg(text: &str) -> Result<f64, String> {
+    positive(text).and_then(|value| within(value, farthest()[1], "deg"))
+}
+
+fn coordinates(text: &str) -> Result<[f64; 6], String> {
+    let pose: [f64; 6] = numbers(text)?;
+    let [um, deg] = farthest();
+    for (axis, value) in Axis::ALL.into_iter().zip(pose) {
+        let (farthest, unit) = if axis.is_rotary() { (deg, "deg") } else { (um, "um") };
+        within(value, farthest, unit).map_err(|reason| format!("{}: {reason}", axis.name()))?;
+    }
+    Ok(pose)
 }
 
 impl Args {
@@ -100,6 +132,8 @@ struct AtPose {
     #[serde(rename = "E_first_order_um")]
     first_order_um: [f64; 3],
     first_order_gap: FirstOrderGap,
+    /// Axes that would be beyond the machine's travel.
+    beyond_travel: Vec<&'static str>,
 }
 
 #[derive(Serialize)]
@@ -122,6 +156,11 @@ fn at_poses(machine: &Machine, poses: &[[f64; 6]]) -> Poses {
             rotation_rad: error.rotation_rad,
             first_order_um: model.first_order(at, model.fibre_point_um).position_um,
             first_order_gap: model.first_order_gap(at, model.fibre_point_um),
+            beyond_travel: Axis::ALL
+                .into_iter()
+                .filter(|axis| beyond_travel(machine, *axis, at[axis.index()]))
+                .map(Axis::name)
+                .collect(),
         }
     };
     Poses {
@@ -133,10 +172,15 @@ fn at_poses(machine: &Machine, poses: &[[f64; 6]]) -> Poses {
 
 fn pose_sheet(report: &Poses) -> Sheet {
     let [fx, fy, fz] = report.fibre_point_um;
+    let mut title = format!("{}, F = ({fx}, {fy}, {fz}) um: errors in um", report.machine);
+    if report.poses.iter().any(|at| !at.beyond_travel.is_empty()) {
+        title.push_str("; *: beyond the machine's travel");
+    }
     let header = ["pose (um, deg)", "Ex", "Ey", "Ez", "rx urad", "ry urad", "rz urad", "first order misses"];
-    let mut sheet = Sheet::new(format!("{}, F = ({fx}, {fy}, {fz}) um: errors in um", report.machine), header);
+    let mut sheet = Sheet::new(title, header);
     for at in &report.poses {
-        let pose = at.pose_um_deg.map(|q| q.to_string()).join(" ");
+        let far = |axis: Axis| if at.beyond_travel.contains(&axis.name()) { "*" } else { "" };
+        let pose = Axis::ALL.map(|axis| format!("{}{}", at.pose_um_deg[axis.index()], far(axis))).join(" ");
         let e = at.error_um.map(|v| format!("{v:.6}"));
         let r = at.rotation_rad.map(|v| format!("{:.4}", v * 1e6));
         let gap = format!("{:.6}", at.first_order_gap.sum_um);
@@ -156,7 +200,11 @@ fn title(part: &MotionAccuracy) -> String {
     let unit = if part.motion == Motion::Angular { "deg" } else { "um" };
     let ends: Vec<String> = part.ends_um_deg.iter().map(|[a, b]| format!("{a:.6} to {b:.6}")).collect();
     let ends = ends.join(", ").replace(".000000", "");
-    format!("{} motion ({ends} {unit}, {} poses each)", motion_name(part.motion), part.points)
+    let beyond = match part.beyond_travel.as_slice() {
+        [] => String::new(),
+        axes => format!("; beyond the machine's travel of {}", axes.join(", ")),
+    };
+    format!("{} motion ({ends} {unit}, {} poses each{beyond})", motion_name(part.motion), part.points)
 }
 
 fn sheets(result: &Accuracy) -> Vec<Sheet> {

@@ -7,7 +7,7 @@ use super::propagation::{Deviation, FirstOrderGap};
 use super::sensitivity::Magnitudes;
 use crate::machine::Machine;
 use serde::Serialize;
-use stage_controller::units::AXES;
+use stage_controller::units::{AXES, Axis};
 
 /// Fields of a motion beside those of its two ensembles.
 const FIELDS: usize = 4;
@@ -68,6 +68,8 @@ pub struct MotionAccuracy {
     pub motion: Motion,
     /// First and last coordinate of the three stages, um or degrees.
     pub ends_um_deg: [[f64; 2]; 3],
+    /// Stages that would leave the machine's travel.
+    pub beyond_travel: Vec<&'static str>,
     /// Poses along each stage.
     pub points: usize,
     /// The machine as its file says, against the ideal one: E of formula (6).
@@ -133,6 +135,14 @@ pub fn accuracy(machine: &Machine, options: &AccuracyOptions, progress: &(dyn Fn
     }
 }
 
+/// True when a coordinate, um or rad, lies outside of the machine's travel along an axis, by more than rounding.
+pub fn beyond_travel(machine: &Machine, axis: Axis, coordinate: f64) -> bool {
+    let [lower, upper] = machine.drives[axis.index()].travel;
+    let nano = coordinate * if axis.is_rotary() { 1e9 } else { 1e3 };
+    // a thousandth of nm or nrad
+    nano < lower - 1e-3 || nano > upper + 1e-3
+}
+
 fn motion_accuracy(
     machine: &Machine,
     model: &ErrorModel,
@@ -158,6 +168,13 @@ fn motion_accuracy(
     MotionAccuracy {
         motion,
         ends_um_deg: grid.coordinates.each_ref().map(|line| [unit(line[0]), unit(line[line.len() - 1])]),
+        beyond_travel: motion
+            .axes()
+            .into_iter()
+            .zip(&grid.coordinates)
+            .filter(|(axis, line)| line.iter().any(|&q| beyond_travel(machine, *axis, q)))
+            .map(|(axis, _)| axis.name())
+            .collect(),
         points: options.points,
         first_order_gap: model.first_order_gap(grid.pose(of_machine.norm_um.worst), model.fibre_point_um),
         machine: of_machine,

@@ -16,7 +16,7 @@ mod tables;
 mod topology;
 mod truth;
 
-pub use accuracy::{Accuracy, AccuracyOptions, Fields, MotionAccuracy, accuracy};
+pub use accuracy::{Accuracy, AccuracyOptions, Fields, MotionAccuracy, accuracy, beyond_travel};
 pub(crate) use chain::static_vector;
 pub use chain::{Chain, Screw};
 pub use ensemble::{Ensemble, EnsembleStatistics, Spread, ensemble};
