@@ -13,6 +13,7 @@ mod jacobian;
 mod least_squares;
 mod observe;
 mod outliers;
+mod per_target;
 mod play;
 pub mod plots;
 mod rank;

@@ -1,9 +1,9 @@
 //! Play of an axis from bidirectional runs, ISO 230-2: reversal value and its uncertainty.
 
-use super::least_squares::Rows;
 use super::outliers::threshold;
+use super::per_target::PerTarget;
 use super::result::{Outlier, Residual, Reversal};
-use super::series::{Kind, Series};
+use super::series::{Kind, Reading, Series};
 use super::{Options, Refusal};
 
 /// Fewest targets that runs must visit from both sides.
@@ -25,14 +25,11 @@ pub(super) struct Runs {
 pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Result<Runs, Refusal> {
     let Kind::Positioning(axis) = series.kind else { unreachable!("only of positioning runs") };
     let targets = targets(series, axis.index());
-    let place = |target: f64| targets.partition_point(|t| *t < target - SAME);
-    let both = (0..targets.len())
-        .filter(|t| {
-            [true, false]
-                .iter()
-                .all(|down| series.readings.iter().any(|r| r.down == *down && place(r.motors[axis.index()]) == *t))
-        })
-        .count();
+    let place = |reading: &Reading| targets.partition_point(|t| *t < reading.motors[axis.index()] - SAME);
+    let places: Vec<usize> = series.readings.iter().map(place).collect();
+    let mut reached = vec![[false; 2]; targets.len()];
+    series.readings.iter().zip(&places).for_each(|(reading, t)| reached[*t][usize::from(reading.down)] = true);
+    let both = reached.iter().filter(|ways| **ways == [true; 2]).count();
     if both < TARGETS {
         let reason = format!(
             "too few points: {both} targets are reached both upwards and downwards, at least {TARGETS} are needed \
@@ -40,50 +37,36 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
         );
         return Err(Refusal::line(series, series.readings[0].line, reason));
     }
-    let drift = series.timed && options.drift;
-    let unknowns = targets.len() + 1 + usize::from(drift);
-    let row = |k: usize| {
-        let reading = &series.readings[k];
-        let mut row = vec![0.0; unknowns];
-        let target = reading.motors[axis.index()];
-        row[place(target)] = 1.0;
-        row[targets.len()] = if reading.down { 1.0 } else { 0.0 };
-        if drift {
-            row[targets.len() + 1] = reading.time_s / HOUR;
-        }
-        (row, reading.values[0] - target)
+    let drift = options.drift && series.timed;
+    let system = PerTarget {
+        targets: targets.len(),
+        place: places,
+        down: series.readings.iter().map(|reading| if reading.down { 1.0 } else { 0.0 }).collect(),
+        hours: drift.then(|| series.readings.iter().map(|reading| reading.time_s / HOUR).collect()),
+        deviation: series.readings.iter().map(|reading| reading.values[0] - reading.motors[axis.index()]).collect(),
     };
+    let unknowns = system.unknowns();
     let mut kept = vec![true; series.readings.len()];
     let limit = threshold(kept.len());
     loop {
-        let mut rows = Rows::new(unknowns);
-        for k in (0..kept.len()).filter(|k| kept[*k]) {
-            let (row, right) = row(k);
-            rows.push(&row, right);
-        }
-        let count = rows.clone().solve().rows;
-        let solution = rows.solve();
-        if solution.rank() < unknowns || (count <= unknowns && series.noise.is_none()) {
+        let weights: Vec<f64> = kept.iter().map(|kept| if *kept { 1.0 } else { 0.0 }).collect();
+        let count = kept.iter().filter(|kept| **kept).count();
+        let enough = count > unknowns || (count == unknowns && series.noise.is_some());
+        let Some(solved) = system.solve(&weights).filter(|_| enough) else {
             let reason = format!(
                 "too few points: {count} readings for {unknowns} unknowns (a mean for each target, the play{}); \
                  measure more runs",
                 if drift { ", the drift" } else { "" }
             );
             return Err(Refusal::line(series, series.readings[0].line, reason));
-        }
-        let (found, root) = (solution.step(0.0), solution.root());
-        let left: Vec<f64> = (0..kept.len())
-            .map(|k| {
-                let (row, right) = row(k);
-                right - row.iter().zip(found.iter()).map(|(a, x)| a * x).sum::<f64>()
-            })
-            .collect();
+        };
+        let left = &solved.left;
         let squares: f64 = (0..kept.len()).filter(|k| kept[*k]).map(|k| left[k] * left[k]).sum();
         let dof = count - unknowns;
         let noise = series.noise.unwrap_or((squares / dof.max(1) as f64).sqrt());
         let studentised: Vec<f64> = (0..kept.len())
             .map(|k| {
-                let leverage = (root.transpose() * nalgebra::DVector::from(row(k).0)).norm_squared();
+                let leverage = solved.leverage[k];
                 // one that is left out has its own noise and that of the prediction
                 let share = if kept[k] { (1.0 - leverage).max(1e-6) } else { 1.0 + leverage };
                 if noise > 0.0 { left[k] / (noise * share.sqrt()) } else { 0.0 }
@@ -95,7 +78,7 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
             kept[worst] = false;
             continue;
         }
-        let sigma = noise * root.row(targets.len()).norm();
+        let sigma = noise * solved.play_sigma;
         let unit = series.kind.quantity().unit();
         let residual = |k: usize| Residual {
             file: index,
@@ -112,7 +95,7 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
             residual: left[k],
             studentised: studentised[k],
         };
-        let (mean_reversal, reversal) = by_definition(series, axis.index(), &targets, &kept);
+        let (mean_reversal, reversal) = by_definition(&system, &kept);
         let up = series.readings.iter().filter(|r| !r.down);
         let runs = up.map(|r| r.run).collect::<std::collections::BTreeSet<_>>().len();
         return Ok(Runs {
@@ -122,11 +105,11 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
                 unit,
                 mean_reversal,
                 reversal,
-                backlash: found[targets.len()],
+                backlash: solved.play,
                 sigma,
-                drift_per_hour: drift.then(|| found[targets.len() + 1]),
+                drift_per_hour: drift.then_some(solved.drift),
                 noise,
-                scale_ppm: slope(&targets, &found.as_slice()[..targets.len()]) * 1e6,
+                scale_ppm: slope(&targets, &solved.means) * 1e6,
                 targets: targets.len(),
                 runs,
             },
@@ -146,17 +129,15 @@ fn targets(series: &Series, motor: usize) -> Vec<f64> {
 }
 
 /// Mean reversal value and reversal value of the axis as ISO 230-2 defines them, over targets with both directions.
-fn by_definition(series: &Series, motor: usize, targets: &[f64], kept: &[bool]) -> (f64, f64) {
-    let mean = |target: f64, down: bool| {
-        let of = |(reading, kept): (&super::series::Reading, &bool)| {
-            let here = *kept && reading.down == down && (reading.motors[motor] - target).abs() <= SAME;
-            here.then(|| reading.values[0] - reading.motors[motor])
-        };
-        let values: Vec<f64> = series.readings.iter().zip(kept).filter_map(of).collect();
-        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-    };
-    let values: Vec<f64> =
-        targets.iter().filter_map(|target| Some(mean(*target, false)? - mean(*target, true)?)).collect();
+fn by_definition(system: &PerTarget, kept: &[bool]) -> (f64, f64) {
+    let mut sums = vec![[(0.0, 0.0); 2]; system.targets];
+    for k in (0..kept.len()).filter(|k| kept[*k]) {
+        let (count, sum) = &mut sums[system.place[k]][usize::from(system.down[k] > 0.0)];
+        *count += 1.0;
+        *sum += system.deviation[k];
+    }
+    let both = sums.iter().filter(|[up, down]| up.0 > 0.0 && down.0 > 0.0);
+    let values: Vec<f64> = both.map(|[up, down]| up.1 / up.0 - down.1 / down.0).collect();
     let largest = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     (values.iter().sum::<f64>() / values.len().max(1) as f64, largest)
 }
