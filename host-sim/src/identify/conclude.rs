@@ -98,6 +98,15 @@ impl Fit<'_> {
                 }
             }
         }
+        if solution.rank() < self.layout.width {
+            warnings.push(format!(
+                "{} of {} unknowns cannot be told (rank {}): not the constants or backlash, but zeros, slopes or drifts of \
+                 single files; look whether their times and poses change independently.",
+                self.layout.width - solution.rank(),
+                self.layout.width,
+                solution.rank()
+            ));
+        }
         let mut result = Identification {
             machine_name: machine.name.clone(),
             order: machine.order.map(Axis::name).to_vec(),
