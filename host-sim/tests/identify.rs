@@ -751,3 +751,40 @@ fn runs_of_which_a_third_does_not_belong_are_refused() {
     println!("{message}");
     assert!(message.contains("positioning-X.csv") && message.contains("more than 20 % of 132 readings"), "{message}");
 }
+
+/// The files of a stage with 700 nm of play on X whose runs were measured, or repeated, with another play.
+fn fit_two_plays(other_nm: f64, twice: bool) -> Result<Identification, String> {
+    let mut truth = Machine::paper();
+    truth.drives[0].backlash = 700.0;
+    let known = nominal(&truth);
+    let mut another = truth.clone();
+    another.drives[0].backlash = other_nm;
+    let files = measure(&truth, &Settings { seed: 5, ..Settings::default() });
+    let others = measure(&another, &Settings { seed: 6, ..Settings::default() });
+    let runs = others.iter().find(|file| file.file == "positioning-X.csv").unwrap();
+    let mut series: Vec<_> = files
+        .iter()
+        .filter(|file| twice || file.file != runs.file)
+        .map(|file| parse(&file.file, &file.text, &known.order).unwrap())
+        .collect();
+    series.push(parse("positioning-X-later.csv", &runs.text, &known.order).unwrap());
+    identify(&series, &known, &Options::default(), &mut |_| {}).map_err(|refusal| refusal.to_string())
+}
+
+#[test]
+fn sources_that_contradict_each_other_about_a_backlash_are_named() {
+    for twice in [false, true] {
+        let same = fit_two_plays(700.0, twice).unwrap();
+        assert!(same.warnings.is_empty(), "{:?}", same.warnings);
+        let refused = fit_two_plays(1700.0, twice).unwrap_err();
+        println!("{refused}");
+        let other = if twice { "positioning-X.csv" } else { "fibre.csv" };
+        assert!(["axes.X.backlash_nm", "positioning-X-later.csv", other].iter().all(|name| refused.contains(name)));
+        // six of its standard deviations
+        let sigma = same.reversals.iter().filter(|r| r.axis == "X").map(|r| r.sigma).fold(0.0, f64::max);
+        let doubtful = fit_two_plays(700.0 + if twice { 9.0 } else { 7.0 } * sigma, twice).unwrap();
+        println!("{:?}", doubtful.warnings);
+        let named = |w: &String| w.starts_with("axes.X.backlash_nm") && w.contains("later.csv") && w.contains(other);
+        assert!(doubtful.warnings.iter().any(named), "{:?}", doubtful.warnings);
+    }
+}

@@ -34,7 +34,7 @@ impl Fit<'_> {
         let columns: Vec<Option<usize>> =
             self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
         let mut machine = gauge.start.clone();
-        let mut warnings = Vec::new();
+        let mut warnings = self.agreement(&runs, &covariance)?;
         let mut estimates = Vec::new();
         for (i, column) in columns.iter().enumerate() {
             let constant = self.layout.constants.get(i).copied();
