@@ -677,3 +677,114 @@ fn ten_thousand_readings_of_runs_take_no_time_of_note() {
     assert_eq!(result.outliers.iter().filter(|outlier| outlier.file == "positioning-X.csv").count(), 20);
     assert!((x.backlash - 700.0).abs() < 4.0 * x.sigma && seconds <= 5.0);
 }
+
+#[test]
+fn a_clock_that_stands_still_tells_no_drift() {
+    let still = |_: &str, text: String| {
+        let header = text.lines().find(|line| !line.starts_with('#')).unwrap().to_string();
+        let Some(clock) = header.split(',').position(|column| column == "time_s") else { return Some(text) };
+        let stopped = |line: &str| {
+            let mut parts: Vec<&str> = line.split(',').collect();
+            if !line.starts_with('#') && line != header {
+                parts[clock] = "12";
+            }
+            parts.join(",")
+        };
+        Some(text.lines().map(stopped).collect::<Vec<_>>().join("\n"))
+    };
+    let truth = Machine::paper();
+    let plain = fit(&truth, &Options { drift: false, ..Options::default() }, |_, text| Some(text)).unwrap();
+    let moving = fit(&truth, &Options::default(), |_, text| Some(text)).unwrap();
+    let result = fit(&truth, &Options::default(), still).unwrap();
+    assert!(moving.unknowns > plain.unknowns, "the files have times");
+    assert_eq!((result.rank, result.unknowns), (plain.unknowns, plain.unknowns));
+    assert!(result.condition.is_finite() && result.warnings.is_empty(), "{:?}", result.warnings);
+    assert!(result.reversals.iter().all(|reversal| reversal.drift_per_hour.is_none()));
+    assert!(result.estimates.iter().zip(&plain.estimates).all(|(a, b)| (a.value - b.value).abs() <= 1e-3 * b.sigma));
+}
+
+#[test]
+fn runs_whose_noise_is_stated_ten_times_too_small_keep_their_readings_and_say_so() {
+    let of_x = |result: &Identification| result.reversals.iter().find(|r| r.axis == "X").unwrap().clone();
+    let honest = fit_runs(runs_of_x(11, 5, 50.0, "# noise_nm: 50\n", |_| None)).unwrap();
+    let result = fit_runs(runs_of_x(11, 5, 50.0, "# noise_nm: 5\n", |_| None)).unwrap();
+    let (right, doubted) = (of_x(&honest), of_x(&result));
+    println!(
+        "figure: sigma {:.2} nm with the noise stated right, {:.2} nm ten times too small",
+        right.sigma, doubted.sigma
+    );
+    assert!(honest.warnings.is_empty() && honest.outliers.is_empty());
+    assert!(result.outliers.is_empty(), "{:?}", result.outliers);
+    assert!(
+        (0.8..1.25).contains(&(doubted.sigma / right.sigma)) && (doubted.backlash - 700.0).abs() < 4.0 * doubted.sigma
+    );
+    assert!(result.estimate("axes.X.backlash_nm").unwrap().sigma > 0.5 * right.sigma);
+    let named =
+        |w: &&String| w.starts_with("positioning-X.csv: the residuals are") && w.contains("noise stated, 5.0 nm");
+    assert_eq!(result.warnings.iter().filter(named).count(), 1, "{:?}", result.warnings);
+    // gross outliers alone are no reason to doubt
+    let mut lines: Vec<String> =
+        runs_of_x(11, 5, 50.0, "# noise_nm: 50\n", |_| None).lines().map(str::to_string).collect();
+    for n in [10, 47, 81] {
+        let mut parts: Vec<String> = lines[n].split(',').map(str::to_string).collect();
+        parts[3] = format!("{}", parts[3].parse::<f64>().unwrap() + 100.0);
+        lines[n] = parts.join(",");
+    }
+    let spoiled = fit_runs(lines.join("\n")).unwrap();
+    assert!(spoiled.warnings.is_empty() && spoiled.outliers.len() == 3, "{:?}", spoiled.warnings);
+    assert!((of_x(&spoiled).sigma / right.sigma - 1.0).abs() < 0.05);
+}
+
+#[test]
+fn runs_of_which_a_third_does_not_belong_are_refused() {
+    let text = runs_of_x(11, 6, 5.0, "# noise_nm: 5\n", |_| None);
+    let mut n = 0;
+    let rows = text.lines().map(|line| {
+        let mut parts: Vec<String> = line.split(',').map(str::to_string).collect();
+        n += usize::from(parts.len() == 4);
+        if parts.len() == 4 && n > 1 && n % 10 < 3 {
+            parts[3] = format!("{}", parts[3].parse::<f64>().unwrap() + 0.3 * (1.0 + (n as f64).sin()));
+        }
+        parts.join(",")
+    });
+    let message = fit_runs(rows.collect::<Vec<_>>().join("\n")).unwrap_err();
+    println!("{message}");
+    assert!(message.contains("positioning-X.csv") && message.contains("more than 20 % of 132 readings"), "{message}");
+}
+
+/// The files of a stage with 700 nm of play on X whose runs were measured, or repeated, with another play.
+fn fit_two_plays(other_nm: f64, twice: bool) -> Result<Identification, String> {
+    let mut truth = Machine::paper();
+    truth.drives[0].backlash = 700.0;
+    let known = nominal(&truth);
+    let mut another = truth.clone();
+    another.drives[0].backlash = other_nm;
+    let files = measure(&truth, &Settings { seed: 5, ..Settings::default() });
+    let others = measure(&another, &Settings { seed: 6, ..Settings::default() });
+    let runs = others.iter().find(|file| file.file == "positioning-X.csv").unwrap();
+    let mut series: Vec<_> = files
+        .iter()
+        .filter(|file| twice || file.file != runs.file)
+        .map(|file| parse(&file.file, &file.text, &known.order).unwrap())
+        .collect();
+    series.push(parse("positioning-X-later.csv", &runs.text, &known.order).unwrap());
+    identify(&series, &known, &Options::default(), &mut |_| {}).map_err(|refusal| refusal.to_string())
+}
+
+#[test]
+fn sources_that_contradict_each_other_about_a_backlash_are_named() {
+    for twice in [false, true] {
+        let same = fit_two_plays(700.0, twice).unwrap();
+        assert!(same.warnings.is_empty(), "{:?}", same.warnings);
+        let refused = fit_two_plays(1700.0, twice).unwrap_err();
+        println!("{refused}");
+        let other = if twice { "positioning-X.csv" } else { "fibre.csv" };
+        assert!(["axes.X.backlash_nm", "positioning-X-later.csv", other].iter().all(|name| refused.contains(name)));
+        // six of its standard deviations
+        let sigma = same.reversals.iter().filter(|r| r.axis == "X").map(|r| r.sigma).fold(0.0, f64::max);
+        let doubtful = fit_two_plays(700.0 + if twice { 9.0 } else { 7.0 } * sigma, twice).unwrap();
+        println!("{:?}", doubtful.warnings);
+        let named = |w: &String| w.starts_with("axes.X.backlash_nm") && w.contains("later.csv") && w.contains(other);
+        assert!(doubtful.warnings.iter().any(named), "{:?}", doubtful.warnings);
+    }
+}

@@ -34,7 +34,7 @@ impl Fit<'_> {
         let columns: Vec<Option<usize>> =
             self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
         let mut machine = gauge.start.clone();
-        let mut warnings = Vec::new();
+        let mut warnings = self.agreement(&runs, &covariance)?;
         let mut estimates = Vec::new();
         for (i, column) in columns.iter().enumerate() {
             let constant = self.layout.constants.get(i).copied();
@@ -97,6 +97,15 @@ impl Fit<'_> {
                     ));
                 }
             }
+        }
+        if solution.rank() < self.layout.width {
+            warnings.push(format!(
+                "{} of {} unknowns cannot be told (rank {}): not the constants or backlash, but zeros, slopes or drifts of \
+                 single files; look whether their times and poses change independently.",
+                self.layout.width - solution.rank(),
+                self.layout.width,
+                solution.rank()
+            ));
         }
         let mut result = Identification {
             machine_name: machine.name.clone(),

@@ -123,6 +123,12 @@ impl<'a> Fit<'a> {
                 Quantity::Angle => 2000.0,
             })
         };
+        let noise = |(file, runs): (&Series, &Option<Runs>)| {
+            runs.as_ref().map_or_else(|| first_guess(file), |runs| runs.reversal.noise)
+        };
+        let doubted = |(file, runs): (&Series, &Option<Runs>)| {
+            file.noise.is_none() || runs.as_ref().is_some_and(|runs| runs.doubted)
+        };
         Fit {
             series,
             options,
@@ -131,8 +137,8 @@ impl<'a> Fit<'a> {
             own,
             priors,
             state,
-            noise: series.iter().map(first_guess).collect(),
-            estimated: series.iter().map(|file| file.noise.is_none()).collect(),
+            noise: series.iter().zip(runs).map(noise).collect(),
+            estimated: series.iter().zip(runs).map(doubted).collect(),
             weights: series.iter().map(|file| vec![1.0; file.readings.len()]).collect(),
             solution: None,
         }

@@ -98,9 +98,10 @@ impl Solution {
         (0..self.values.len()).filter(|i| self.counts(*i)).count()
     }
 
-    /// Largest over smallest singular value.
+    /// Largest over smallest singular value of those that count for the rank: finite whatever is undetermined.
     pub fn condition(&self) -> f64 {
-        self.largest() / self.values.iter().copied().fold(f64::MAX, f64::min)
+        let counting = (0..self.values.len()).filter(|i| self.counts(*i)).map(|i| self.values[i]);
+        self.largest() / counting.fold(f64::MAX, f64::min)
     }
 
     /// The step with Levenberg's damping in units of the columns' lengths; 0 gives the least squares solution, the

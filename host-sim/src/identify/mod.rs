@@ -4,6 +4,7 @@
 //! seen, and fitted together: linear least squares first, Levenberg-Marquardt to the end, readings that do not belong
 //! left out by name. docs/CALIBRATION.md describes files, gauge and result.
 
+mod agreement;
 mod checks;
 mod conclude;
 mod constants;

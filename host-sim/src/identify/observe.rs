@@ -42,7 +42,7 @@ pub fn nuisances(series: &Series, drift: bool) -> Vec<Nuisance> {
         }
         _ => Vec::new(),
     };
-    if drift && series.timed {
+    if drift && series.shows_drift() {
         let columns = series.kind.columns().iter();
         all.extend(columns.map(|column| nuisance(format!("drift of {column} per hour"))));
     }
@@ -129,7 +129,7 @@ impl<'a> Observer<'a> {
             machine: &state.machine,
             own: &state.own[index],
             first: layout.first[index],
-            drift: drift && series.timed,
+            drift: drift && series.shows_drift(),
             chain: Chain::new(&state.machine),
             behind: actuators(series, play),
             lines: lines(series),

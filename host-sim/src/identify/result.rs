@@ -120,7 +120,7 @@ pub struct Identification {
     pub rank: usize,
     /// Unknowns of the fit: constants, backlash, and what belongs to single files.
     pub unknowns: usize,
-    /// Ratio of the largest singular value of the normalised Jacobian to the smallest.
+    /// Ratio of the largest singular value of the normalised Jacobian to the smallest that counts for the rank.
     pub condition: f64,
     /// Rows of all files.
     pub readings: usize,

@@ -1,15 +1,18 @@
 //! Play of an axis from bidirectional runs, ISO 230-2: reversal value and its uncertainty.
 
-use super::outliers::threshold;
+use super::outliers::{huber, threshold};
 use super::per_target::PerTarget;
 use super::result::{Outlier, Residual, Reversal};
 use super::series::{Kind, Reading, Series};
+use super::weights::{HOPELESS_NOISE, MEDIAN_SIZE, MOST_REJECTED};
 use super::{Options, Refusal};
 
 /// Fewest targets that runs must visit from both sides.
 const TARGETS: usize = 3;
 /// Targets closer than this are one, nm or nrad: digits lost in writing, not another step.
 const SAME: f64 = 1.0;
+/// Most rounds in which the readings are weighted before the noise stated is believed.
+const HUBER_ROUNDS: usize = 30;
 const HOUR: f64 = 3600.0;
 
 /// What a file of runs tells.
@@ -19,6 +22,8 @@ pub(super) struct Runs {
     pub outliers: Vec<Outlier>,
     pub chi_square: f64,
     pub degrees_of_freedom: usize,
+    /// The noise stated is so much too small that the residuals' own is taken.
+    pub doubted: bool,
 }
 
 /// Fits deviation = mean of the target + play on the way down + drift. `index`: of the file, for its residuals.
@@ -37,7 +42,7 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
         );
         return Err(Refusal::line(series, series.readings[0].line, reason));
     }
-    let drift = options.drift && series.timed;
+    let drift = options.drift && series.shows_drift();
     let system = PerTarget {
         targets: targets.len(),
         place: places,
@@ -48,6 +53,7 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
     let unknowns = system.unknowns();
     let mut kept = vec![true; series.readings.len()];
     let limit = threshold(kept.len());
+    let shown = if options.reject { more_than_stated(series, &system)? } else { None };
     loop {
         let weights: Vec<f64> = kept.iter().map(|kept| if *kept { 1.0 } else { 0.0 }).collect();
         let count = kept.iter().filter(|kept| **kept).count();
@@ -63,7 +69,8 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
         let left = &solved.left;
         let squares: f64 = (0..kept.len()).filter(|k| kept[*k]).map(|k| left[k] * left[k]).sum();
         let dof = count - unknowns;
-        let noise = series.noise.unwrap_or((squares / dof.max(1) as f64).sqrt());
+        let scatter = (squares / dof.max(1) as f64).sqrt();
+        let noise = shown.or(series.noise).unwrap_or(scatter);
         let studentised: Vec<f64> = (0..kept.len())
             .map(|k| {
                 let leverage = solved.leverage[k];
@@ -76,8 +83,24 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
             (0..kept.len()).filter(|k| kept[*k]).max_by(|a, b| studentised[*a].abs().total_cmp(&studentised[*b].abs()));
         if let Some(worst) = worst.filter(|k| studentised[*k].abs() > limit && options.reject) {
             kept[worst] = false;
+            let rejected = kept.len() + 1 - count;
+            if rejected > 1 && rejected as f64 > MOST_REJECTED * kept.len() as f64 {
+                let reason = format!(
+                    "more than {:.0} % of {} readings do not fit the others within a noise of {noise:.3} {}: look for \
+                     targets in disorder, a stage that creeps, or a noise stated too small",
+                    100.0 * MOST_REJECTED,
+                    kept.len(),
+                    series.kind.quantity().unit()
+                );
+                return Err(Refusal::line(series, series.readings[worst].line, reason));
+            }
             continue;
         }
+        // outliers cannot enlarge it any more
+        let noise = match (shown, series.noise) {
+            (Some(_), Some(stated)) => scatter.max(stated),
+            _ => noise,
+        };
         let sigma = noise * solved.play_sigma;
         let unit = series.kind.quantity().unit();
         let residual = |k: usize| Residual {
@@ -117,8 +140,39 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
             outliers: (0..kept.len()).filter(|k| !kept[*k]).map(outlier).collect(),
             chi_square: if noise > 0.0 { squares / (noise * noise) } else { 0.0 },
             degrees_of_freedom: dof,
+            doubted: shown.is_some(),
         });
     }
+}
+
+/// The noise that the residuals show where that is clearly more than the file states. Outliers must not make it: the
+/// fit is weighted by Huber's rule, and the noise is told from the median.
+fn more_than_stated(series: &Series, system: &PerTarget) -> Result<Option<f64>, Refusal> {
+    let (Some(stated), count) = (series.noise, system.place.len()) else { return Ok(None) };
+    let dof = count.saturating_sub(system.unknowns());
+    let Some(mut solved) = system.solve(&vec![1.0; count]).filter(|_| dof > 0) else { return Ok(None) };
+    for _ in 0..HUBER_ROUNDS {
+        let before = solved.play;
+        let weights: Vec<f64> = solved.left.iter().map(|left| huber(left / stated).max(1e-6)).collect();
+        let Some(next) = system.solve(&weights) else { return Ok(None) };
+        solved = next;
+        if (solved.play - before).abs() < 1e-3 * stated {
+            break;
+        }
+    }
+    let mut sizes: Vec<f64> = solved.left.iter().map(|left| left.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    // the fit has taken its share of the noise
+    let shown = sizes[count / 2] / MEDIAN_SIZE * (count as f64 / dof as f64).sqrt();
+    let (ratio, unit) = (shown / stated, series.kind.quantity().unit());
+    if ratio > HOPELESS_NOISE {
+        let reason = format!(
+            "the runs do not repeat: residuals of {shown:.1} {unit} are {ratio:.0} times the noise stated, {stated:.3} \
+             {unit}; look for a wrong unit (of the noise too) or targets in disorder"
+        );
+        return Err(Refusal::line(series, series.readings[0].line, reason));
+    }
+    Ok((ratio > 1.0 + 5.0 / (dof as f64).sqrt()).then_some(shown))
 }
 
 fn targets(series: &Series, motor: usize) -> Vec<f64> {

@@ -115,3 +115,10 @@ pub struct Series {
     /// The rows.
     pub readings: Vec<Reading>,
 }
+
+impl Series {
+    /// It has times from which a drift can be told: not all one and the same.
+    pub fn shows_drift(&self) -> bool {
+        self.timed && self.readings.iter().any(|reading| reading.time_s != self.readings[0].time_s)
+    }
+}

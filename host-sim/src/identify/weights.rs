@@ -10,13 +10,13 @@ use nalgebra::DMatrix;
 /// Rounds in which unstated noise is estimated anew.
 const NOISE_ROUNDS: usize = 4;
 /// Median of the size of normal noise, in standard deviations.
-const MEDIAN_SIZE: f64 = 0.6745;
+pub(super) const MEDIAN_SIZE: f64 = 0.6745;
 /// Residuals so many times the stated noise are another unit or another machine, not errors of a stage.
-const HOPELESS_NOISE: f64 = 200.0;
+pub(super) const HOPELESS_NOISE: f64 = 200.0;
 /// Most rounds in which weights are given anew.
 const MOST_ROUNDS: usize = 30;
 /// Largest share of a file that may be left out.
-const MOST_REJECTED: f64 = 0.2;
+pub(super) const MOST_REJECTED: f64 = 0.2;
 /// The same while the fit is not yet at its end.
 const HOPELESS: f64 = 0.5;
 
