@@ -294,6 +294,41 @@ fn every_stop_lies_within_the_travel() {
 }
 
 #[test]
+fn the_page_says_over_what_share_of_the_travel_its_headline_is() {
+    let mut shares = std::collections::BTreeSet::new();
+    for report in all_reports() {
+        let Some(travel) = &report.travel else { continue };
+        let track = &travel.tracks.last().unwrap().track;
+        let percent = (track.share_of_travel * 100.0).round();
+        let page = Html::parse_document(&render(report));
+        let lead = words(select(&page, "#travel p.lead")[0]);
+        if percent < 100.0 {
+            assert!(lead.starts_with(&format!("Over the middle {percent} % of the travel")), "{lead}");
+            assert!(track.name.contains(&format!("{percent} % of the travel")), "{}", track.name);
+        } else {
+            assert!(lead.starts_with("Over the whole travel") && track.name.ends_with("over the travel"), "{lead}");
+        }
+        shares.insert(percent as u32);
+    }
+    assert!(shares.iter().any(|share| *share < 100), "{shares:?}");
+}
+
+#[test]
+fn the_caption_of_a_map_says_where_its_third_axis_stands() {
+    let captions = |report: &Report| -> Vec<String> {
+        let page = Html::parse_document(&render(report));
+        select(&page, "#field figcaption").into_iter().map(words).collect()
+    };
+    let (plain, aside) = (captions(&reports()[0].1), captions(&odd_reports()[3]));
+    assert!(!plain.is_empty() && plain.iter().all(|caption| caption.contains("of each plane is at home")), "{plain:?}");
+    // the travel of X begins at 1000 um
+    assert!(
+        aside[0].contains("as near to home as a computed pose: Z at ") && aside[0].contains("X at 1000 um"),
+        "{aside:?}"
+    );
+}
+
+#[test]
 fn errors_that_the_law_does_not_know_stay() {
     let (plain, wavy) = (&reports()[0].1, &odd_reports()[1]);
     let along_x = |report: &Report| report.travel.as_ref().unwrap().tracks[0].runs[4].position_um;

@@ -10,14 +10,20 @@ use serde::Serialize;
 
 /// Errors that differ by less are drawn as one, um: rounding of the computation.
 const FLAT_UM: f64 = 1e-7;
+/// A coordinate as small as that is home, um or degrees: rounding of the computation.
+const AT_HOME: f64 = 1e-6;
 /// Colours of a map.
 const LEVELS: usize = 16;
 
-/// The length of E in one plane through home.
+/// The length of E in one plane through home, or as near to it as a computed pose is.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Map {
     /// The two axes: across, up.
     pub axes: [&'static str; 2],
+    /// The third axis.
+    pub third: &'static str,
+    /// Where the third axis stands, um or degrees: of the poses computed the nearest to home.
+    pub third_at: f64,
     /// Coordinates along both, um or degrees.
     pub coordinates: [Vec<f64>; 2],
     /// Length of E, um; the first index counts along the axis across.
@@ -42,7 +48,7 @@ pub struct Fields {
     pub kinematic_errors_given: usize,
     /// What `host-sim field` prints without further options.
     pub accuracy: Accuracy,
-    /// Planes through home, linear and angular motion.
+    /// Planes through or near home, linear and angular motion.
     pub maps: [Maps; 2],
 }
 
@@ -80,7 +86,10 @@ fn map(field: &Field, [a, b]: [usize; 2]) -> Map {
         let unit = |q: &f64| if grid.motion == Motion::Angular { q.to_degrees() } else { *q };
         grid.coordinates[axis].iter().map(unit).collect::<Vec<_>>()
     };
+    let third = 3 - a - b;
     Map {
+        third: grid.motion.axes()[third].name(),
+        third_at: shown(third)[home[third]],
         axes: [a, b].map(|axis| grid.motion.axes()[axis].name()),
         coordinates: [shown(a), shown(b)],
         norm_um: (0..grid.coordinates[a].len())
@@ -138,13 +147,23 @@ fn drawings(motion: &MotionAccuracy, maps: &Maps) -> Markup {
             figure {
                 (drawing([960.0, ROW - 20.0], &format!("Length of the error, {name}"), content))
                 figcaption {
-                    "Length of the position error, um, in three planes through home, over the coordinates of the stages in "
-                    (unit) "; the third axis of each plane is at home. "
+                    "Length of the position error, um, in three planes, over the coordinates of the stages in " (unit) "; "
+                    (thirds(planes, unit)) ". "
                     "The colours are those of this figure alone: from " (short(least)) " to " (short(largest)) " um."
                 }
             }
         }
     }
+}
+
+/// Where the axes stand that are in no plane, in words.
+fn thirds(planes: &[Map], unit: &str) -> String {
+    if planes.iter().all(|map| map.third_at.abs() < AT_HOME) {
+        return "the third axis of each plane is at home".into();
+    }
+    let places: Vec<String> =
+        planes.iter().map(|map| format!("{} at {} {unit}", map.third, short(map.third_at))).collect();
+    format!("the third axis of each plane is as near to home as a computed pose: {}", places.join(", "))
 }
 
 /// Least and largest error of some planes, um.

@@ -122,7 +122,11 @@ impl<'a> Room<'a> {
         };
         let (share_of_travel, poses) = self.shrink(poses);
         let along = (1..=POSES).map(|n| n as f64).collect();
-        let name = format!("{POSES} poses over the travel");
+        let name = if share_of_travel < 1.0 {
+            format!("{POSES} poses, {:.0} % of the travel", share_of_travel * 100.0)
+        } else {
+            format!("{POSES} poses over the travel")
+        };
         (Track { name, kind: Kind::Poses, share_of_travel, unit: "number", along }, poses)
     }
 

@@ -1,4 +1,4 @@
-//! The page's section on what each compensation buys: one table for the whole travel, ranges, curves, one table of all.
+//! The page's section on what each compensation buys: one table for all axes together, ranges, curves, one table of all.
 
 use super::{Kind, Mode, Result, Run, Travel};
 use crate::report::number::{figure, short};
@@ -76,9 +76,18 @@ fn headline(travel: &Travel) -> Markup {
         let value = travel.tracks[last].runs[mode as usize].position_um.rms;
         figure(format!("/travel/tracks/{last}/runs/{}/position_um/rms", mode as usize), value)
     };
+    let share = travel.tracks[last].track.share_of_travel;
+    let reach = if share < 1.0 {
+        format!(
+            "Over the middle {:.0} % of the travel (beyond, a compensated motor would leave its own)",
+            share * 100.0
+        )
+    } else {
+        "Over the whole travel".into()
+    };
     html! {
         p.lead {
-            "Over the whole travel the fibre point is off by " strong { (rms(Mode::None)) " um" }
+            (reach) " the fibre point is off by " strong { (rms(Mode::None)) " um" }
             " (root mean square) without compensation and by " strong { (rms(Mode::All)) " um" } " with all of it; backlash \
             alone leaves " (rms(Mode::Backlash)) " um, coupling alone " (rms(Mode::Coupling)) " um, the rotation centre \
             alone " (rms(Mode::Pivot)) " um."
