@@ -105,7 +105,7 @@ pub(super) fn scales(series: &[Series], nominal: &Machine) -> Result<(), Refusal
     Ok(())
 }
 
-fn written(file: &Series, column: usize) -> String {
+pub(super) fn written(file: &Series, column: usize) -> String {
     let unit = file.units.get(column).map_or("", |unit| unit.name);
     format!("{}_{unit}", file.kind.columns()[column])
 }

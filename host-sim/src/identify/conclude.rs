@@ -216,6 +216,7 @@ impl Fit<'_> {
                 unit = file.kind.quantity().unit()
             ));
         }
+        result.warnings.extend(self.unheard());
         for file in result.files.iter().filter(|file| file.noise_stated && file.readings >= 10) {
             if file.rms < 0.2 * file.noise {
                 result.warnings.push(format!(

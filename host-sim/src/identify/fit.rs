@@ -43,6 +43,7 @@ pub fn identify(
     let mut fit = Fit::new(series, &gauge, &runs, options, progress);
     fit.refuse_undetermined()?;
     fit.run()?;
+    fit.judge_unstated()?;
     fit.result(nominal, gauge, runs)
 }
 
@@ -207,7 +208,7 @@ impl<'a> Fit<'a> {
         state.own[index][column - layout.first[index]]
     }
 
-    fn moved(&self, step: &DVector<f64>) -> State {
+    pub(super) fn moved(&self, step: &DVector<f64>) -> State {
         let mut state = self.state.clone();
         for (constant, column) in self.layout.constants.iter().zip(self.layout.constant_columns) {
             if let Some(column) = column {

@@ -5,6 +5,7 @@
 //! left out by name. docs/CALIBRATION.md describes files, gauge and result.
 
 mod agreement;
+mod changes;
 mod checks;
 mod conclude;
 mod constants;
@@ -23,6 +24,7 @@ mod report;
 mod result;
 mod reversal;
 mod series;
+mod suspicions;
 mod undetermined;
 pub mod units;
 mod weights;

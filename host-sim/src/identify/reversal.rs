@@ -4,7 +4,8 @@ use super::outliers::{huber, threshold};
 use super::per_target::PerTarget;
 use super::result::{Outlier, Residual, Reversal};
 use super::series::{Kind, Reading, Series};
-use super::weights::{HOPELESS_NOISE, MEDIAN_SIZE, MOST_REJECTED};
+use super::suspicions::hopeless;
+use super::weights::{MEDIAN_SIZE, MOST_REJECTED};
 use super::{Options, Refusal};
 
 /// Fewest targets that runs must visit from both sides.
@@ -165,7 +166,7 @@ fn more_than_stated(series: &Series, system: &PerTarget) -> Result<Option<f64>, 
     // the fit has taken its share of the noise
     let shown = sizes[count / 2] / MEDIAN_SIZE * (count as f64 / dof as f64).sqrt();
     let (ratio, unit) = (shown / stated, series.kind.quantity().unit());
-    if ratio > HOPELESS_NOISE {
+    if hopeless(series, shown) {
         let reason = format!(
             "the runs do not repeat: residuals of {shown:.1} {unit} are {ratio:.0} times the noise stated, {stated:.3} \
              {unit}; look for a wrong unit (of the noise too) or targets in disorder"

@@ -11,8 +11,9 @@ use nalgebra::DMatrix;
 const NOISE_ROUNDS: usize = 4;
 /// Median of the size of normal noise, in standard deviations.
 pub(super) const MEDIAN_SIZE: f64 = 0.6745;
-/// Residuals so many times the stated noise are another unit or another machine, not errors of a stage.
-pub(super) const HOPELESS_NOISE: f64 = 200.0;
+/// Residuals so many times the stated noise are not taken for noise where they are also larger than what is believed of
+/// the kind: errors of 0.5 to 2 um of a stage are ordinary, and 10 to 40 times the noise of a probe of 50 nm.
+pub(super) const HOPELESS_NOISE: f64 = 20.0;
 /// Most rounds in which weights are given anew.
 const MOST_ROUNDS: usize = 30;
 /// Largest share of a file that may be left out.
@@ -139,10 +140,11 @@ impl Fit<'_> {
                     break;
                 }
             }
-            if !self.doubt_stated_noise()? {
+            if !self.doubt_stated_noise() {
                 break;
             }
         }
+        self.judge_doubted()?;
         for _ in 0..MOST_ROUNDS {
             let changed = self.weigh(|worst| if worst.abs() > limit { 0.0 } else { 1.0 });
             self.refuse_strange_files(HOPELESS)?;
@@ -156,8 +158,9 @@ impl Fit<'_> {
     }
 
     /// Files whose residuals altogether are larger than the noise stated are weighted by their residuals: no reading
-    /// of theirs is an outlier for what the constants do not describe. Tells whether there are such files.
-    fn doubt_stated_noise(&mut self) -> Result<bool, Refusal> {
+    /// of theirs is an outlier for what the constants do not describe. Tells whether there are such files. What is
+    /// wrong with them is judged when all others stand.
+    fn doubt_stated_noise(&mut self) -> bool {
         let left = self.left(&self.root());
         let mut found = false;
         for (index, file) in self.fitted() {
@@ -166,27 +169,19 @@ impl Fit<'_> {
             if self.estimated[index] || ratio < 1.0 + 5.0 / (file.readings.len() as f64).sqrt() {
                 continue;
             }
-            if ratio > HOPELESS_NOISE {
-                let reason = format!(
-                    "the readings do not fit the other files: residuals of {shown:.1} {unit} are {ratio:.0} times the noise \
-                     stated, {:.3} {unit}; look for a wrong unit (of the noise too), sign, axis or point",
-                    self.noise[index],
-                    unit = file.kind.quantity().unit()
-                );
-                return Err(Refusal::line(file, file.readings[0].line, reason));
-            }
             self.estimated[index] = true;
             self.noise[index] = shown;
             found = true;
         }
-        Ok(found)
+        found
     }
 
     /// Refuses a file of which more than a share is left out.
-    fn refuse_strange_files(&self, share: f64) -> Result<(), Refusal> {
+    fn refuse_strange_files(&mut self, share: f64) -> Result<(), Refusal> {
         for (index, file) in self.fitted() {
             let rejected = self.weights[index].iter().filter(|weight| **weight == 0.0).count();
             if rejected as f64 > share * file.readings.len() as f64 && rejected > 1 {
+                self.refuse_mistakes(&[index])?;
                 let reason = format!(
                     "{rejected} of {} readings do not fit the other files within a noise of {:.3} {}: look for a wrong \
                      unit, sign, axis or point, or a noise stated too small",

@@ -1,0 +1,431 @@
+//! Whether a file that does not fit the others was noisy, or misread: before noise is believed, mistakes are tried.
+//!
+//! Every trial fits one file again with all others in the background, which are held as the linear system they have at
+//! the present solution. So a trial costs as much as a hundred readings do, whatever else was measured.
+
+use super::Refusal;
+use super::changes::Change;
+use super::fit::{Fit, LEAST_NOISE};
+use super::least_squares::Rows;
+use super::observe::{Block, Observer, State};
+use super::outliers::huber;
+use super::series::{Kind, Series};
+use super::units::{Quantity, UNITS};
+use super::weights::{HOPELESS_NOISE, MEDIAN_SIZE, MOST_REJECTED};
+use nalgebra::DVector;
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use std::fmt::Write;
+
+/// A file whose residuals are less than this many times its stated noise is not suspected.
+const SUSPICIOUS: f64 = 3.0;
+/// The same where none is stated, nm and nrad: good instruments are no worse.
+const GOOD_LENGTH: f64 = 200.0;
+const GOOD_ANGLE: f64 = 2000.0;
+/// A mistake is believed that makes the squares of the residuals so many times smaller, ...
+const EXPLAINS: f64 = 10.0;
+/// ... and more than noise does by chance in so few readings: one file in ten thousand.
+const CHANCE: f64 = 1e-4;
+/// Readings of a file that a trial looks at.
+const SAMPLE: usize = 100;
+/// Rounds of a trial, and of the search for a core.
+const ROUNDS: usize = 6;
+const CORE_ROUNDS: usize = 12;
+/// Fewer values than this have no median to speak of.
+const FEW: usize = 10;
+/// Other explanations up to so many times the residuals of the best one are named beside it.
+const AS_GOOD: f64 = 1.5;
+
+/// In the core (within this many standard deviations of the stated noise), and far out.
+const CORE: f64 = 4.0;
+const FAR: f64 = 8.0;
+/// The spread of a core that keeps to the stated noise.
+const CORE_SPREAD: f64 = 1.5;
+/// Between core and far out there are at most so many readings for each one far out: errors of a stage leave no gap.
+const GAP: f64 = 0.3;
+/// Share of the constants' information below which a file has no say.
+const UNHEARD: f64 = 1e-3;
+
+/// The largest noise that is believed of a kind, nm or nrad: residuals beyond are no instrument and no stage but
+/// another unit, sign, axis or point. Errors of the stage count as noise here. Linear stages of lead screws err by up
+/// to 5 um over their travel before any compensation, rotary ones by 0.01 deg; a square or an autocollimator that is
+/// 20 arcsec off is not one.
+pub(super) fn believable(kind: Kind) -> f64 {
+    match kind {
+        Kind::Squareness | Kind::Autocollimator(_) => 100_000.0,
+        Kind::Orientation => 200_000.0,
+        _ if kind.quantity() == Quantity::Angle => 200_000.0,
+        _ => 5_000.0,
+    }
+}
+
+/// Residuals of a file are neither the noise stated nor errors of a stage: too large in both measures, or exactly as
+/// far from the noise as two units are.
+pub(super) fn hopeless(file: &Series, shown: f64) -> bool {
+    let ratio = shown / file.noise.unwrap_or(f64::INFINITY);
+    ratio > HOPELESS_NOISE && (shown > believable(file.kind) || noise_unit(file, ratio).is_some())
+}
+
+/// The two units that a noise stated so many times too small was confused with: real one and written one.
+fn noise_unit(file: &Series, ratio: f64) -> Option<(&'static str, &'static str)> {
+    let alike = UNITS.iter().filter(|unit| unit.quantity == file.kind.quantity());
+    alike.clone().flat_map(|real| alike.clone().map(move |written| (real, written))).find_map(|(real, written)| {
+        let near = (real.size / written.size / ratio).ln().abs() < 0.2 && ratio > HOPELESS_NOISE;
+        near.then_some((real.name, written.name))
+    })
+}
+
+/// A length or an angle for people.
+pub(super) fn size(value: f64, quantity: Quantity) -> String {
+    let (small, large) = match quantity {
+        Quantity::Length => ("nm", "um"),
+        Quantity::Angle => ("nrad", "urad"),
+    };
+    if value < 1.0 { format!("{value:.3} {small}") } else { format!("{:.3} {large}", value * 1e-3) }
+}
+
+/// A file under trial: its readings, and the common unknowns as far as all others tell them.
+struct Trial<'t, 'f> {
+    fit: &'t Fit<'f>,
+    index: usize,
+    file: &'t Series,
+    others: &'t Rows,
+    touched: &'t [usize],
+    /// Readings that are looked at.
+    sample: &'t [usize],
+    /// From the solution of the fit.
+    moved: DVector<f64>,
+    /// At `moved`: one for each reading of the sample.
+    blocks: Vec<Block>,
+}
+
+impl Trial<'_, '_> {
+    fn look(&mut self, state: &State) {
+        let fit = self.fit;
+        let observer = Observer::new(&fit.layout, state, self.file, self.index, fit.options.drift);
+        let fill = |k: &usize| {
+            let mut block = Block::new(fit.layout.width);
+            observer.fill(*k, &mut block);
+            block
+        };
+        self.blocks = self.sample.iter().map(fill).collect();
+    }
+
+    /// Least squares with these weights of the sample. False where that leads nowhere.
+    fn step(&mut self, weight: impl Fn(usize, &[f64; 3]) -> f64, noise: f64) -> bool {
+        let mut rows = self.others.clone();
+        let columns = self.file.kind.columns().len();
+        let mut row = vec![0.0; self.touched.len()];
+        for (n, block) in self.blocks.iter().enumerate() {
+            let scale = weight(n, &block.residual).sqrt() / noise;
+            for c in 0..columns {
+                let values = self.touched.iter().map(|column| block.rows[c][*column]);
+                row.iter_mut().zip(values).for_each(|(entry, value)| *entry = value * scale);
+                let already: f64 = self.touched.iter().map(|j| block.rows[c][*j] * self.moved[*j]).sum();
+                rows.push(&row, (block.residual[c] + already) * scale);
+            }
+        }
+        let step = rows.solve().step(0.0);
+        for (column, value) in self.touched.iter().zip(step.iter()) {
+            self.moved[*column] = *value;
+        }
+        if !step.iter().all(|value| value.is_finite()) {
+            return false;
+        }
+        let state = self.fit.moved(&self.moved);
+        self.look(&state);
+        self.blocks.iter().all(|block| block.residual.iter().all(|residual| residual.is_finite()))
+    }
+
+    /// The noise that the residuals show, of the worst column; each divided by its factor.
+    fn spread(&self, factors: [f64; 3]) -> f64 {
+        let column = |c: usize| {
+            let mut sizes: Vec<f64> = self.blocks.iter().map(|block| (block.residual[c] / factors[c]).abs()).collect();
+            if sizes.len() < FEW {
+                return (sizes.iter().map(|size| size * size).sum::<f64>() / sizes.len() as f64).sqrt();
+            }
+            sizes.sort_by(f64::total_cmp);
+            sizes[sizes.len() / 2] / MEDIAN_SIZE
+        };
+        (0..self.file.kind.columns().len()).map(column).fold(0.0, f64::max)
+    }
+
+    /// Size of a reading's worst residual.
+    fn worst(&self, n: usize) -> f64 {
+        let columns = self.file.kind.columns().len();
+        self.blocks[n].residual[..columns].iter().fold(0.0_f64, |most, residual| most.max(residual.abs()))
+    }
+}
+
+/// A file on its own against the others.
+struct Case {
+    index: usize,
+    others: Rows,
+    touched: Vec<usize>,
+    sample: Vec<usize>,
+    /// Values less what the fit takes from them.
+    free: f64,
+}
+
+impl<'f> Fit<'f> {
+    /// The linear system of all but one file, brought down to what that file touches.
+    fn case(&mut self, index: usize) -> Case {
+        let count = self.weights[index].len();
+        let kept = std::mem::replace(&mut self.weights[index], vec![0.0; count]);
+        let all = self.assemble(&self.state).0;
+        self.weights[index] = kept;
+        let touched = self.touched(index);
+        let rest: Vec<usize> = (0..self.layout.width).filter(|column| !touched.contains(column)).collect();
+        // what belongs to other files goes first, so that it stands in the first rows of the triangle alone
+        let mut sorted = Rows::new(self.layout.width);
+        all.triangle(|row, right| {
+            let row: Vec<f64> = rest.iter().chain(&touched).map(|column| row[*column]).collect();
+            sorted.push(&row, right);
+        });
+        let mut others = Rows::new(touched.len());
+        let mut number = 0;
+        sorted.triangle(|row, right| {
+            if number >= rest.len() {
+                others.push(&row[rest.len()..], right);
+            }
+            number += 1;
+        });
+        let every = count.div_ceil(SAMPLE);
+        let sample: Vec<usize> = (0..count).step_by(every).collect();
+        let columns = self.series[index].kind.columns().len();
+        let taken: f64 = self.left(&self.root())[index]
+            .iter()
+            .zip(&self.weights[index])
+            .map(|(left, weight)| weight * left.leverage[..columns].iter().sum::<f64>())
+            .sum();
+        let share = sample.len() as f64 / count as f64;
+        Case { index, others, touched, free: share * ((count * columns) as f64 - taken), sample }
+    }
+
+    fn trial<'t>(&'t self, case: &'t Case, file: &'t Series) -> Trial<'t, 'f> {
+        let mut trial = Trial {
+            fit: self,
+            index: case.index,
+            file,
+            others: &case.others,
+            touched: &case.touched,
+            sample: &case.sample,
+            moved: DVector::zeros(self.layout.width),
+            blocks: Vec::new(),
+        };
+        trial.look(&self.state);
+        trial
+    }
+
+    /// The noise that a file shows when it is read in some way. None where no fit is better than `enough`.
+    fn shown(&self, case: &Case, file: &Series, factors: [f64; 3], enough: f64) -> Option<f64> {
+        let mut trial = self.trial(case, file);
+        let mut least = f64::INFINITY;
+        for round in 0..ROUNDS {
+            let noise = trial.spread([1.0; 3]).max(LEAST_NOISE);
+            let columns = file.kind.columns().len();
+            let worst = |residual: &[f64; 3]| residual[..columns].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+            if !trial.step(|_, residual| huber(worst(residual) / noise), noise) {
+                return None;
+            }
+            let now = trial.spread(factors);
+            let done = now > 0.98 * least;
+            least = least.min(now);
+            if done || (round == 2 && least > enough) {
+                break;
+            }
+        }
+        (least < enough).then_some(least)
+    }
+
+    /// What was mistaken in a file, if that makes it fit: the reason to refuse it, and how many times smaller the
+    /// residuals become.
+    fn mistake(&self, case: &Case) -> Option<(f64, String)> {
+        let file = &self.series[case.index];
+        let before = self.shown(case, file, [1.0; 3], f64::INFINITY)?;
+        let quantity = file.kind.quantity();
+        let good = if quantity == Quantity::Length { GOOD_LENGTH } else { GOOD_ANGLE };
+        if before <= file.noise.map_or(good, |stated| SUSPICIOUS * stated) || case.free < 1.0 {
+            return None;
+        }
+        let chance = FisherSnedecor::new(case.free, case.free).ok()?.inverse_cdf(1.0 - CHANCE);
+        let enough = before / EXPLAINS.max(chance).sqrt();
+        let tried = Change::all(file, &self.state.machine).into_iter().filter_map(|change| {
+            let after = self.shown(case, &change.applied(file), change.factors(file).map(f64::abs), enough)?;
+            Some((after, change))
+        });
+        let mut explains: Vec<(f64, Change)> = tried.collect();
+        explains.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let least = explains.first()?.0;
+        let same: Vec<String> =
+            explains.iter().take_while(|(after, _)| *after <= AS_GOOD * least).map(|(_, c)| c.said(file)).collect();
+        let mut reason = format!(
+            "the readings fit with {}: residuals of {} become {}",
+            same.join(", or with "),
+            size(before, quantity),
+            size(least, quantity)
+        );
+        if let Change::Unit(_, unit) | Change::AllUnit(unit) = explains[0].1 {
+            let _ = write!(reason, "; they look like {} written as {}", unit.name, file.units[0].name);
+        }
+        reason += "; correct the file";
+        Some((before / least.max(LEAST_NOISE), reason))
+    }
+
+    fn refusal(&self, index: usize, reason: String) -> Refusal {
+        let file = &self.series[index];
+        Refusal::line(file, file.readings[0].line, reason)
+    }
+
+    /// Refuses the file that a mistake explains best, if there is one.
+    pub(super) fn refuse_mistakes(&mut self, suspects: &[usize]) -> Result<(), Refusal> {
+        let mut best: Option<(f64, usize, String)> = None;
+        for index in suspects {
+            (self.progress)(&format!("looking for mistakes in {}", self.series[*index].file));
+            let case = self.case(*index);
+            if let Some((times, reason)) = self.mistake(&case)
+                && best.as_ref().is_none_or(|(most, _, _)| times > *most)
+            {
+                best = Some((times, *index, reason));
+            }
+        }
+        best.map_or(Ok(()), |(_, index, reason)| Err(self.refusal(index, reason)))
+    }
+
+    /// Files whose stated noise was not believed: misread, partly wrong, or noisy indeed. Those of which only some
+    /// readings are wrong get their noise back.
+    pub(super) fn judge_doubted(&mut self) -> Result<(), Refusal> {
+        let doubted: Vec<usize> =
+            self.fitted().filter(|(index, file)| self.estimated[*index] && file.noise.is_some()).map(|f| f.0).collect();
+        self.refuse_mistakes(&doubted)?;
+        for index in doubted {
+            let file = &self.series[index];
+            let (unit, stated) = (file.kind.quantity().unit(), file.noise.expect("those alone"));
+            let (out, kept) = self.out_of_core(index, stated);
+            if let Some(out) = out.filter(|out| *out as f64 > MOST_REJECTED * file.readings.len() as f64) {
+                let reason = format!(
+                    "{out} of {} readings do not fit the others of the file, which keep to its noise of {stated:.3} {unit}: \
+                     look for what disturbed them, or leave them out",
+                    file.readings.len()
+                );
+                return Err(self.refusal(index, reason));
+            }
+            if kept {
+                self.estimated[index] = false;
+                self.noise[index] = stated;
+                continue;
+            }
+            let shown = self.noise[index];
+            if hopeless(file, shown) {
+                let ratio = shown / stated;
+                let looks = noise_unit(file, ratio)
+                    .map_or(String::new(), |(real, written)| format!(" (it looks like {real} written as {written})"));
+                let reason = format!(
+                    "the readings do not fit the other files: residuals of {shown:.1} {unit} are {ratio:.0} times the noise \
+                     stated, {stated:.3} {unit}{looks}; look for a wrong unit (of the noise too), sign, axis or point"
+                );
+                return Err(self.refusal(index, reason));
+            }
+        }
+        Ok(())
+    }
+
+    /// Readings far out around a core that keeps to the stated noise; none without such a core. And whether the core
+    /// keeps to it so well that nothing is wrong with the noise.
+    fn out_of_core(&mut self, index: usize, stated: f64) -> (Option<usize>, bool) {
+        let mut case = self.case(index);
+        let count = self.series[index].readings.len();
+        case.sample = (0..count).collect();
+        let mut trial = self.trial(&case, &self.series[index]);
+        for round in 0..CORE_ROUNDS {
+            // the half that fits best, then all that belongs to it
+            let mut sizes: Vec<f64> = (0..count).map(|n| trial.worst(n)).collect();
+            let inside: Vec<bool> = if round < CORE_ROUNDS - 3 {
+                let mut sorted = sizes.clone();
+                sorted.sort_by(f64::total_cmp);
+                sizes.iter().map(|size| *size <= sorted[count / 2]).collect()
+            } else {
+                sizes.iter().map(|size| *size <= CORE * stated).collect()
+            };
+            sizes.clear();
+            if !trial.step(|n, _| if inside[n] { 1.0 } else { 1e-9 }, stated) {
+                return (None, false);
+            }
+        }
+        let sizes: Vec<f64> = (0..count).map(|n| trial.worst(n) / stated).collect();
+        let far = sizes.iter().filter(|size| **size > FAR).count();
+        let core = sizes.iter().filter(|size| **size <= CORE).count();
+        let out = count - core;
+        let columns = trial.file.kind.columns().len();
+        let squares: f64 = (0..count)
+            .filter(|n| sizes[*n] <= CORE)
+            .map(|n| trial.blocks[n].residual[..columns].iter().map(|r| (r / stated).powi(2)).sum::<f64>())
+            .sum();
+        let values = (core * columns) as f64;
+        let free = values * (case.free / (case.sample.len() * columns) as f64).clamp(0.1, 1.0);
+        let spread = (squares / free.max(1.0)).sqrt();
+        let gap = (out - far) as f64 <= GAP * far as f64;
+        let kept = spread < 1.0 + 2.5 / values.sqrt() && out as f64 <= MOST_REJECTED * count as f64;
+        ((gap && spread < CORE_SPREAD).then_some(out), kept && (gap || out * 50 < count))
+    }
+
+    /// Files that do not state their noise, and all where no reading is left out: misread, or noisier than can be.
+    pub(super) fn judge_unstated(&mut self) -> Result<(), Refusal> {
+        let suspects: Vec<usize> = self
+            .fitted()
+            .filter(
+                |(index, file)| if file.noise.is_some() { !self.options.reject } else { self.suspect(*index, file) },
+            )
+            .map(|(index, _)| index)
+            .collect();
+        self.refuse_mistakes(&suspects)?;
+        for (index, file) in self.series.iter().enumerate() {
+            let (shown, most) = (self.noise[index], believable(file.kind));
+            if file.noise.is_none() && shown > most {
+                let quantity = file.kind.quantity();
+                let reason = format!(
+                    "the readings do not fit the other files: the noise, which the file does not state, would have to be {}, \
+                     and more than {} is no noise of {}; look for a wrong unit, sign, axis or point",
+                    size(shown, quantity),
+                    size(most, quantity),
+                    file.kind.name()
+                );
+                return Err(self.refusal(index, reason));
+            }
+        }
+        Ok(())
+    }
+
+    fn suspect(&self, index: usize, file: &Series) -> bool {
+        let good = if file.kind.quantity() == Quantity::Length { GOOD_LENGTH } else { GOOD_ANGLE };
+        self.noise[index] > good
+    }
+
+    /// Warnings for files that have next to no say in the result, though their kind should.
+    pub(super) fn unheard(&self) -> Vec<String> {
+        let left = self.left(&self.root());
+        let mut warnings = Vec::new();
+        for (index, file) in self.fitted() {
+            if !self.estimated[index] || matches!(file.kind, Kind::Straightness { to_chip: false, .. }) {
+                continue;
+            }
+            let all: f64 = left[index]
+                .iter()
+                .zip(&self.weights[index])
+                .map(|(left, weight)| weight * left.leverage.iter().sum::<f64>())
+                .sum();
+            let say = all - self.own[index].len() as f64;
+            if std::env::var_os("SAY").is_some() {
+                eprintln!("{} {say:e}", file.file);
+            }
+            if say < UNHEARD {
+                warnings.push(format!(
+                    "{}: with a noise of {} it has next to no weight in the result: all it tells the other files tell \
+                     better. Is that its noise? State it (# noise_<unit>), or look for a wrong unit or sign.",
+                    file.file,
+                    size(self.noise[index], file.kind.quantity())
+                ));
+            }
+        }
+        warnings
+    }
+}
