@@ -118,7 +118,8 @@ impl Fit<'_> {
             readings: self.series.iter().map(|file| file.readings.len()).sum(),
             chi_square: 0.0,
             degrees_of_freedom: 0,
-            probability: 1.0,
+            probability: None,
+            noise_from_residuals: Vec::new(),
             reversals: Vec::new(),
             files: Vec::new(),
             outliers: Vec::new(),
@@ -196,10 +197,11 @@ impl Fit<'_> {
             (counted + self.priors.len()).saturating_sub(self.solution.as_ref().map_or(0, Solution::rank)) + run_dof;
         result.chi_square = chi_square;
         result.degrees_of_freedom = dof;
-        if let Ok(distribution) = ChiSquared::new(dof as f64) {
-            result.probability = distribution.sf(chi_square);
-        }
-        if result.probability < 1e-3 {
+        let from_residuals = result.files.iter().filter(|file| !file.noise_stated);
+        result.noise_from_residuals = from_residuals.map(|file| file.file.clone()).collect();
+        let probability = ChiSquared::new(dof as f64).map_or(1.0, |distribution| distribution.sf(chi_square));
+        result.probability = result.noise_from_residuals.is_empty().then_some(probability);
+        if probability < 1e-3 {
             result.warnings.push(format!(
                 "The residuals are larger than the stated noise (chi-square {chi_square:.0} at {dof} degrees of \
                  freedom): the stage has errors that the constants do not describe, or the noise is stated too small; \

@@ -17,14 +17,20 @@ impl fmt::Display for Identification {
         writeln!(
             f,
             "rank {} of {} unknowns, condition {:.1e}; {} readings, chi-square {:.1} at {} degrees of freedom \
-             (p = {:.3})",
+             ({})",
             self.rank,
             self.unknowns,
             self.condition,
             self.readings,
             self.chi_square,
             self.degrees_of_freedom,
-            self.probability
+            match self.probability {
+                Some(probability) => format!("p = {probability:.3}"),
+                None => format!(
+                    "no test of the model: the noise of {} was taken from the residuals",
+                    self.noise_from_residuals.join(", ")
+                ),
+            }
         )?;
         for r in &self.reversals {
             writeln!(

@@ -128,8 +128,12 @@ pub struct Identification {
     pub chi_square: f64,
     /// Degrees of freedom.
     pub degrees_of_freedom: usize,
-    /// Probability of a chi-square at least this large when model and noise are right.
-    pub probability: f64,
+    /// Probability of a chi-square at least this large when model and noise are right. None where the noise of a file
+    /// was taken from its residuals ([`Self::noise_from_residuals`]): chi-square is then near the degrees of freedom
+    /// whatever the model.
+    pub probability: Option<f64>,
+    /// Files whose noise was taken from their residuals: not stated, or stated smaller than they show.
+    pub noise_from_residuals: Vec<String>,
     /// Reversal of each file of bidirectional runs.
     pub reversals: Vec<Reversal>,
     /// The files in the order of their names.

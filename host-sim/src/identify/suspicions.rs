@@ -10,7 +10,7 @@ use super::least_squares::Rows;
 use super::observe::{Block, Observer, State};
 use super::outliers::huber;
 use super::series::{Kind, Series};
-use super::units::{Quantity, UNITS};
+use super::units::{Quantity, UNITS, Unit};
 use super::weights::{HOPELESS_NOISE, MEDIAN_SIZE, MOST_REJECTED};
 use nalgebra::DVector;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
@@ -19,8 +19,8 @@ use std::fmt::Write;
 /// A file whose residuals are less than this many times its stated noise is not suspected.
 const SUSPICIOUS: f64 = 3.0;
 /// The same where none is stated, nm and nrad: good instruments are no worse.
-const GOOD_LENGTH: f64 = 200.0;
-const GOOD_ANGLE: f64 = 2000.0;
+const GOOD_LENGTH: f64 = 100.0;
+const GOOD_ANGLE: f64 = 1500.0;
 /// A mistake is believed that makes the squares of the residuals so many times smaller, ...
 const EXPLAINS: f64 = 10.0;
 /// ... and more than noise does by chance in so few readings: one file in ten thousand.
@@ -58,6 +58,14 @@ pub(super) fn believable(kind: Kind) -> f64 {
     }
 }
 
+/// Noise of a kind's values that is no reason to look closer where a file states none.
+fn good(kind: Kind) -> f64 {
+    match kind.quantity() {
+        Quantity::Length => GOOD_LENGTH,
+        Quantity::Angle => GOOD_ANGLE,
+    }
+}
+
 /// Residuals of a file are neither the noise stated nor errors of a stage: too large in both measures, or exactly as
 /// far from the noise as two units are.
 pub(super) fn hopeless(file: &Series, shown: f64) -> bool {
@@ -72,6 +80,19 @@ fn noise_unit(file: &Series, ratio: f64) -> Option<(&'static str, &'static str)>
         let near = (real.size / written.size / ratio).ln().abs() < 0.2 && ratio > HOPELESS_NOISE;
         near.then_some((real.name, written.name))
     })
+}
+
+/// The next smaller unit of the values in which the noise would be believable.
+fn smaller_unit(file: &Series, shown: f64) -> String {
+    let Some(written) = file.units.first() else { return String::new() };
+    let believed = UNITS.iter().filter(|unit| unit.quantity == written.quantity && unit.size < written.size);
+    let noise = |unit: &Unit| shown * unit.size / written.size;
+    believed
+        .filter(|unit| noise(unit) <= believable(file.kind))
+        .max_by(|a, b| a.size.total_cmp(&b.size))
+        .map_or(String::new(), |unit| {
+            format!(" (in {} it would be {})", unit.name, size(noise(unit), written.quantity))
+        })
 }
 
 /// A length or an angle for people.
@@ -243,8 +264,7 @@ impl<'f> Fit<'f> {
         let file = &self.series[case.index];
         let before = self.shown(case, file, [1.0; 3], f64::INFINITY)?;
         let quantity = file.kind.quantity();
-        let good = if quantity == Quantity::Length { GOOD_LENGTH } else { GOOD_ANGLE };
-        if before <= file.noise.map_or(good, |stated| SUSPICIOUS * stated) || case.free < 1.0 {
+        if before <= file.noise.map_or(good(file.kind), |stated| SUSPICIOUS * stated) || case.free < 1.0 {
             return None;
         }
         let chance = FisherSnedecor::new(case.free, case.free).ok()?.inverse_cdf(1.0 - CHANCE);
@@ -258,11 +278,13 @@ impl<'f> Fit<'f> {
         let least = explains.first()?.0;
         let same: Vec<String> =
             explains.iter().take_while(|(after, _)| *after <= AS_GOOD * least).map(|(_, c)| c.said(file)).collect();
+        // a factor of the values is one of what is left, too
+        let grown = explains[0].1.factors(file).into_iter().fold(0.0_f64, |most, factor| most.max(factor.abs()));
         let mut reason = format!(
             "the readings fit with {}: residuals of {} become {}",
             same.join(", or with "),
             size(before, quantity),
-            size(least, quantity)
+            size(least * grown.max(1.0), quantity)
         );
         if let Change::Unit(_, unit) | Change::AllUnit(unit) = explains[0].1 {
             let _ = write!(reason, "; they look like {} written as {}", unit.name, file.units[0].name);
@@ -334,6 +356,8 @@ impl<'f> Fit<'f> {
     fn out_of_core(&mut self, index: usize, stated: f64) -> (Option<usize>, bool) {
         let mut case = self.case(index);
         let count = self.series[index].readings.len();
+        let columns = self.series[index].kind.columns().len();
+        let free_share = (case.free / (case.sample.len() * columns) as f64).clamp(0.1, 1.0);
         case.sample = (0..count).collect();
         let mut trial = self.trial(&case, &self.series[index]);
         for round in 0..CORE_ROUNDS {
@@ -355,14 +379,12 @@ impl<'f> Fit<'f> {
         let far = sizes.iter().filter(|size| **size > FAR).count();
         let core = sizes.iter().filter(|size| **size <= CORE).count();
         let out = count - core;
-        let columns = trial.file.kind.columns().len();
         let squares: f64 = (0..count)
             .filter(|n| sizes[*n] <= CORE)
             .map(|n| trial.blocks[n].residual[..columns].iter().map(|r| (r / stated).powi(2)).sum::<f64>())
             .sum();
         let values = (core * columns) as f64;
-        let free = values * (case.free / (case.sample.len() * columns) as f64).clamp(0.1, 1.0);
-        let spread = (squares / free.max(1.0)).sqrt();
+        let spread = (squares / (values * free_share).max(1.0)).sqrt();
         let gap = (out - far) as f64 <= GAP * far as f64;
         let kept = spread < 1.0 + 2.5 / values.sqrt() && out as f64 <= MOST_REJECTED * count as f64;
         ((gap && spread < CORE_SPREAD).then_some(out), kept && (gap || out * 50 < count))
@@ -372,9 +394,10 @@ impl<'f> Fit<'f> {
     pub(super) fn judge_unstated(&mut self) -> Result<(), Refusal> {
         let suspects: Vec<usize> = self
             .fitted()
-            .filter(
-                |(index, file)| if file.noise.is_some() { !self.options.reject } else { self.suspect(*index, file) },
-            )
+            .filter(|(index, file)| match file.noise {
+                Some(_) => !self.options.reject,
+                None => self.noise[*index] > good(file.kind),
+            })
             .map(|(index, _)| index)
             .collect();
         self.refuse_mistakes(&suspects)?;
@@ -384,10 +407,11 @@ impl<'f> Fit<'f> {
                 let quantity = file.kind.quantity();
                 let reason = format!(
                     "the readings do not fit the other files: the noise, which the file does not state, would have to be {}, \
-                     and more than {} is no noise of {}; look for a wrong unit, sign, axis or point",
+                     and more than {} is no noise of {}; look for a wrong unit{}, sign, axis or point",
                     size(shown, quantity),
                     size(most, quantity),
-                    file.kind.name()
+                    file.kind.name(),
+                    smaller_unit(file, shown)
                 );
                 return Err(self.refusal(index, reason));
             }
@@ -395,17 +419,13 @@ impl<'f> Fit<'f> {
         Ok(())
     }
 
-    fn suspect(&self, index: usize, file: &Series) -> bool {
-        let good = if file.kind.quantity() == Quantity::Length { GOOD_LENGTH } else { GOOD_ANGLE };
-        self.noise[index] > good
-    }
-
     /// Warnings for files that have next to no say in the result, though their kind should.
     pub(super) fn unheard(&self) -> Vec<String> {
         let left = self.left(&self.root());
         let mut warnings = Vec::new();
         for (index, file) in self.fitted() {
-            if !self.estimated[index] || matches!(file.kind, Kind::Straightness { to_chip: false, .. }) {
+            let tells = !matches!(file.kind, Kind::Straightness { to_chip: false, .. });
+            if !self.estimated[index] || self.noise[index] <= good(file.kind) || !tells {
                 continue;
             }
             let all: f64 = left[index]
@@ -414,9 +434,6 @@ impl<'f> Fit<'f> {
                 .map(|(left, weight)| weight * left.leverage.iter().sum::<f64>())
                 .sum();
             let say = all - self.own[index].len() as f64;
-            if std::env::var_os("SAY").is_some() {
-                eprintln!("{} {say:e}", file.file);
-            }
             if say < UNHEARD {
                 warnings.push(format!(
                     "{}: with a noise of {} it has next to no weight in the result: all it tells the other files tell \
