@@ -26,10 +26,11 @@ impl fmt::Display for Identification {
             self.degrees_of_freedom,
             match self.probability {
                 Some(probability) => format!("p = {probability:.3}"),
-                None => format!(
-                    "no test of the model: the noise of {} was taken from the residuals",
-                    self.noise_from_residuals.join(", ")
-                ),
+                None => {
+                    let files = &self.noise_from_residuals;
+                    let named = if files.len() > 3 { format!("{} files", files.len()) } else { files.join(", ") };
+                    format!("no test of the model: the noise of {named} was taken from the residuals")
+                }
             }
         )?;
         for r in &self.reversals {

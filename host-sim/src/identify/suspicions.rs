@@ -43,7 +43,7 @@ const CORE_SPREAD: f64 = 1.5;
 /// Between core and far out there are at most so many readings for each one far out: errors of a stage leave no gap.
 const GAP: f64 = 0.3;
 /// Share of the constants' information below which a file has no say.
-const UNHEARD: f64 = 1e-3;
+const UNHEARD: f64 = 1e-2;
 
 /// The largest noise that is believed of a kind, nm or nrad: residuals beyond are no instrument and no stage but
 /// another unit, sign, axis or point. Errors of the stage count as noise here. Linear stages of lead screws err by up
@@ -161,7 +161,8 @@ impl Trial<'_, '_> {
     fn spread(&self, factors: [f64; 3]) -> f64 {
         let column = |c: usize| {
             let mut sizes: Vec<f64> = self.blocks.iter().map(|block| (block.residual[c] / factors[c]).abs()).collect();
-            if sizes.len() < FEW {
+            // squareness has a few readings of each of three pairs: a median would leave a pair alone
+            if sizes.len() < FEW || self.file.kind == Kind::Squareness {
                 return (sizes.iter().map(|size| size * size).sum::<f64>() / sizes.len() as f64).sqrt();
             }
             sizes.sort_by(f64::total_cmp);
@@ -270,8 +271,11 @@ impl<'f> Fit<'f> {
         let chance = FisherSnedecor::new(case.free, case.free).ok()?.inverse_cdf(1.0 - CHANCE);
         let enough = before / EXPLAINS.max(chance).sqrt();
         let tried = Change::all(file, &self.state.machine).into_iter().filter_map(|change| {
-            let after = self.shown(case, &change.applied(file), change.factors(file).map(f64::abs), enough)?;
-            Some((after, change))
+            let factors = change.factors(file).map(f64::abs);
+            let after = self.shown(case, &change.applied(file), factors, enough)?;
+            // rotations can only be so far apart: divided by a large factor they would always fit
+            let real = after * factors.into_iter().fold(1.0, f64::max);
+            (real <= believable(file.kind)).then_some((after, change))
         });
         let mut explains: Vec<(f64, Change)> = tried.collect();
         explains.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -318,7 +322,12 @@ impl<'f> Fit<'f> {
     pub(super) fn judge_doubted(&mut self) -> Result<(), Refusal> {
         let doubted: Vec<usize> =
             self.fitted().filter(|(index, file)| self.estimated[*index] && file.noise.is_some()).map(|f| f.0).collect();
-        self.refuse_mistakes(&doubted)?;
+        if doubted.is_empty() {
+            return Ok(());
+        }
+        // a file that states little noise can make the others look wrong
+        let all: Vec<usize> = self.fitted().map(|(index, _)| index).collect();
+        self.refuse_mistakes(&all)?;
         for index in doubted {
             let file = &self.series[index];
             let (unit, stated) = (file.kind.quantity().unit(), file.noise.expect("those alone"));
