@@ -201,7 +201,7 @@ fn the_report_calls_no_probability_what_is_none() {
 #[test]
 fn a_file_whose_noise_leaves_it_no_weight_is_named() {
     let mut dice = Dice::new(4);
-    let draws: Vec<f64> = (0..15).map(|_| dice.between(-90.0, 90.0)).collect();
+    let draws: Vec<f64> = (0..15).map(|_| dice.between(-150.0, 150.0)).collect();
     let said = fit(&Machine::paper(), &unstated(), "squareness.csv", |text| {
         rows(text, |number, fields| fields[1] += draws[number])
     });
@@ -233,11 +233,12 @@ fn clean_files_of_random_stages_are_never_suspected() {
     }
 }
 
-/// The same stages with a mistake each: refused with the right name, or so small that it does no harm.
+/// Stages with a mistake each: refused with the right name. A squareness that is stated as better than all else can win
+/// against them with an error of some urad; then the others are warned of.
 #[test]
 fn mistakes_in_the_files_of_random_stages_are_named() {
     let mut dice = Dice::new(21);
-    let (mut named, mut harmless) = (0, 0);
+    let (mut named, mut warned) = (0, 0);
     for seed in 0..20 {
         let mut truth = Machine::paper();
         truth.statics = StaticErrors::from_values([0.0; 9].map(|_| dice.between(-2e-4, 2e-4)));
@@ -261,13 +262,14 @@ fn mistakes_in_the_files_of_random_stages_are_named() {
                         named += 1;
                     }
                     Ok(result) => {
-                        harmless += 1;
+                        warned += 1;
                         println!("{seed} {file} {word}: {:?}", result.warnings);
+                        assert!(file == "squareness.csv" && state_noise && !result.warnings.is_empty(), "{seed}");
                     }
                 }
             }
         }
     }
-    println!("figure: of 80 mistakes {named} refused with the right name, {harmless} too small to be told");
-    assert_eq!((named, harmless), (80, 0));
+    println!("figure: of 80 mistakes {named} refused with the right name, {warned} only warned of");
+    assert!(named >= 77 && named + warned == 80);
 }

@@ -43,7 +43,9 @@ const CORE_SPREAD: f64 = 1.5;
 /// Between core and far out there are at most so many readings for each one far out: errors of a stage leave no gap.
 const GAP: f64 = 0.3;
 /// Share of the constants' information below which a file has no say.
-const UNHEARD: f64 = 1e-2;
+const UNHEARD: f64 = 0.05;
+/// ... which is worth a warning where the noise is also so many times that of a good instrument.
+const COARSE: f64 = 10.0;
 
 /// The largest noise that is believed of a kind, nm or nrad: residuals beyond are no instrument and no stage but
 /// another unit, sign, axis or point. Errors of the stage count as noise here. Linear stages of lead screws err by up
@@ -394,7 +396,7 @@ impl<'f> Fit<'f> {
             .sum();
         let values = (core * columns) as f64;
         let spread = (squares / (values * free_share).max(1.0)).sqrt();
-        let gap = (out - far) as f64 <= GAP * far as f64;
+        let gap = (out - far) as f64 <= GAP * far as f64 && 2 * core >= count;
         let kept = spread < 1.0 + 2.5 / values.sqrt() && out as f64 <= MOST_REJECTED * count as f64;
         ((gap && spread < CORE_SPREAD).then_some(out), kept && (gap || out * 50 < count))
     }
@@ -434,7 +436,7 @@ impl<'f> Fit<'f> {
         let mut warnings = Vec::new();
         for (index, file) in self.fitted() {
             let tells = !matches!(file.kind, Kind::Straightness { to_chip: false, .. });
-            if !self.estimated[index] || self.noise[index] <= good(file.kind) || !tells {
+            if !self.estimated[index] || self.noise[index] <= COARSE * good(file.kind) || !tells {
                 continue;
             }
             let all: f64 = left[index]
