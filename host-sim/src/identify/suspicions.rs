@@ -42,6 +42,8 @@ const FAR: f64 = 8.0;
 const CORE_SPREAD: f64 = 1.5;
 /// Between core and far out there are at most so many readings for each one far out: errors of a stage leave no gap.
 const GAP: f64 = 0.3;
+/// A noise so many times too small may be one of another unit; errors of a stage reach the smaller ratios of units.
+const NOISE_UNIT: f64 = 500.0;
 /// Share of the constants' information below which a file has no say.
 const UNHEARD: f64 = 0.05;
 /// ... which is worth a warning where the noise is also so many times that of a good instrument.
@@ -79,7 +81,7 @@ pub(super) fn hopeless(file: &Series, shown: f64) -> bool {
 fn noise_unit(file: &Series, ratio: f64) -> Option<(&'static str, &'static str)> {
     let alike = UNITS.iter().filter(|unit| unit.quantity == file.kind.quantity());
     alike.clone().flat_map(|real| alike.clone().map(move |written| (real, written))).find_map(|(real, written)| {
-        let near = (real.size / written.size / ratio).ln().abs() < 0.2 && ratio > HOPELESS_NOISE;
+        let near = (real.size / written.size / ratio).ln().abs() < 0.2 && ratio > NOISE_UNIT;
         near.then_some((real.name, written.name))
     })
 }
