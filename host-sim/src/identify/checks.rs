@@ -4,6 +4,7 @@ use super::Refusal;
 use super::jacobian::Linearised;
 use super::series::{Kind, Reading, Series};
 use super::units::{Quantity, Unit, really};
+use super::zeros::Lines;
 use crate::machine::{LARGEST_STATIC, Machine};
 use nalgebra::{Rotation3, Vector3};
 use stage_controller::units::{AXES, Axis};
@@ -62,26 +63,21 @@ fn monotonic(file: &Series, axis: Axis) -> Result<(), Refusal> {
 }
 
 fn lines(file: &Series) -> Result<(), Refusal> {
-    let mut first = &file.readings[0];
-    let mut farthest = -1.0;
-    let mut points = 0;
-    for reading in file.readings.iter().chain(std::iter::once(&Reading { run: u32::MAX, ..file.readings[0] })) {
-        if reading.run != first.run {
-            if points < 2 {
-                let reason = format!("too few points: line {} has {points}, at least 2 are needed", first.run);
-                return Err(Refusal::line(file, first.line, reason));
+    for line in file.readings.chunk_by(|a, b| a.run == b.run) {
+        let (first, number) = (&line[0], line[0].run);
+        if line.len() < 2 {
+            let reason = format!("too few points: line {number} has {}, at least 2 are needed", line.len());
+            return Err(Refusal::line(file, first.line, reason));
+        }
+        let mut farthest = 0.0;
+        for reading in &line[1..] {
+            let away = (0..3).map(|i| (reading.motors[i] - first.motors[i]).powi(2)).sum::<f64>().sqrt();
+            if away <= farthest {
+                let reason = format!("line {number} is not monotonic: each point is farther from the first one");
+                return Err(Refusal::line(file, reading.line, reason));
             }
-            first = reading;
-            farthest = -1.0;
-            points = 0;
+            farthest = away;
         }
-        let away = (0..3).map(|i| (reading.motors[i] - first.motors[i]).powi(2)).sum::<f64>().sqrt();
-        if away <= farthest && reading.run != u32::MAX {
-            let reason = format!("line {} is not monotonic: each point is farther from the first one", reading.run);
-            return Err(Refusal::line(file, reading.line, reason));
-        }
-        farthest = away;
-        points += 1;
     }
     Ok(())
 }
@@ -90,9 +86,10 @@ fn lines(file: &Series) -> Result<(), Refusal> {
 pub(super) fn scales(series: &[Series], nominal: &Machine) -> Result<(), Refusal> {
     for file in series {
         travel(file, nominal)?;
+        let lines = Lines::new(file);
+        let all: Vec<[f64; 3]> = (0..file.readings.len()).map(|k| predicted(file, &lines, k, nominal)).collect();
         for column in 0..file.kind.columns().len() {
-            let predicted: Vec<f64> =
-                file.readings.iter().map(|reading| predicted(file, reading, nominal)[column]).collect();
+            let predicted: Vec<f64> = all.iter().map(|values| values[column]).collect();
             let measured: Vec<f64> = file.readings.iter().map(|reading| reading.values[column]).collect();
             let Some(ratio) = ratio(file, column, &predicted, &measured, nominal) else { continue };
             if (0.5..2.0).contains(&ratio) {
@@ -172,7 +169,8 @@ fn travel(file: &Series, nominal: &Machine) -> Result<(), Refusal> {
 }
 
 /// What the nominal machine would show, without play and without the instrument's own zero.
-fn predicted(file: &Series, reading: &Reading, nominal: &Machine) -> [f64; 3] {
+fn predicted(file: &Series, lines: &Lines, k: usize, nominal: &Machine) -> [f64; 3] {
+    let reading = &file.readings[k];
     let place = |motors: &[f64; AXES]| {
         let (rotation, origin) = Linearised::new(nominal, motors).array(nominal);
         (rotation, origin + rotation * Vector3::from(nominal.fibre_point_nm))
@@ -182,7 +180,7 @@ fn predicted(file: &Series, reading: &Reading, nominal: &Machine) -> [f64; 3] {
         Kind::Fibre(_) => place(&reading.motors).1.into(),
         Kind::Orientation => (Rotation3::from_matrix_unchecked(place(&reading.motors).0).scaled_axis() * 1e9).into(),
         Kind::Diagonal => {
-            let first = file.readings.iter().find(|other| other.run == reading.run).unwrap_or(reading);
+            let first = &file.readings[lines.start(k)];
             [(place(&reading.motors).1 - place(&first.motors).1).norm(), 0.0, 0.0]
         }
         Kind::Autocollimator(normal) => {

@@ -112,8 +112,8 @@ impl Fit<'_> {
             order: machine.order.map(Axis::name).to_vec(),
             estimates,
             covariance: covariance_of,
-            rank: solution.rank(),
-            unknowns: self.layout.width,
+            rank: solution.rank() + self.zeros_told(),
+            unknowns: self.layout.width + self.zeros_told(),
             condition: solution.condition(),
             readings: self.series.iter().map(|file| file.readings.len()).sum(),
             chi_square: 0.0,
@@ -185,15 +185,15 @@ impl Fit<'_> {
                 unit: file.kind.quantity().unit(),
                 noise_stated: file.noise.is_some() && !self.estimated[index],
                 rms: (squares / count.max(1) as f64).sqrt(),
-                nuisances: own.collect(),
+                nuisances: self.zeros(index, covariance).into_iter().chain(own).collect(),
             });
         }
         for prior in &self.priors {
             chi_square += ((prior.value - self.value(&self.state, prior.column)) / prior.sigma).powi(2);
         }
         // what is known beforehand counts like a measurement
-        let dof =
-            (counted + self.priors.len()).saturating_sub(self.solution.as_ref().map_or(0, Solution::rank)) + run_dof;
+        let fitted = self.solution.as_ref().map_or(0, Solution::rank) + self.zeros_told();
+        let dof = (counted + self.priors.len()).saturating_sub(fitted) + run_dof;
         result.chi_square = chi_square;
         result.degrees_of_freedom = dof;
         if let Ok(distribution) = ChiSquared::new(dof as f64) {

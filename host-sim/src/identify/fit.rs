@@ -163,7 +163,7 @@ impl<'a> Fit<'a> {
         let mut block = Block::new(self.layout.width);
         let mut whole = vec![0.0; self.layout.width];
         for (index, file) in self.fitted() {
-            let observer = Observer::new(&self.layout, state, file, index, self.options.drift);
+            let observer = Observer::new(&self.layout, state, file, index, self.options.drift, &self.weights[index]);
             // a triangle of its own, without the columns of other files
             let touched = self.touched(index);
             let mut own = Rows::new(touched.len());

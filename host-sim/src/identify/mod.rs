@@ -26,6 +26,7 @@ mod series;
 mod undetermined;
 pub mod units;
 mod weights;
+mod zeros;
 
 pub use constants::{CONSTANTS, Constant, backlash_name};
 pub use fit::identify;
