@@ -434,7 +434,7 @@ fn units_mixed_up_are_told_by_their_scale() {
     says(&said, &["fibre.csv:8: ", "readings do not fit", "times the noise stated", "wrong unit (of the noise too)"]);
     // a lead that is not quite right is no unit
     let said = complaint("positioning-X.csv", |t| scaled(t, 3, 1.003));
-    says(&said, &["accepted", "X moves +30", "ppm more than commanded"]);
+    says(&said, &["accepted", "X moves 30", "ppm more than commanded"]);
 }
 
 #[test]

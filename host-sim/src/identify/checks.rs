@@ -3,9 +3,9 @@
 use super::Refusal;
 use super::jacobian::Linearised;
 use super::series::{Kind, Reading, Series};
-use super::units::{Quantity, Unit, really};
+use super::units::{Quantity, Unit, plain, really};
 use super::zeros::Lines;
-use crate::machine::{LARGEST_STATIC, Machine};
+use crate::machine::{LARGEST_STATIC, Machine, NRAD_PER_DEG};
 use nalgebra::{Rotation3, Vector3};
 use stage_controller::units::{AXES, Axis};
 
@@ -39,6 +39,11 @@ pub(super) fn runs(series: &[Series]) -> Result<(), Refusal> {
     Ok(())
 }
 
+/// Unit in which positions of an axis are shown, and its size in nm or nrad.
+fn shown(axis: Axis) -> (&'static str, f64) {
+    if axis.is_rotary() { ("deg", NRAD_PER_DEG) } else { ("um", 1e3) }
+}
+
 fn monotonic(file: &Series, axis: Axis) -> Result<(), Refusal> {
     for pair in file.readings.windows(2) {
         let [before, now] = [&pair[0], &pair[1]];
@@ -47,14 +52,14 @@ fn monotonic(file: &Series, axis: Axis) -> Result<(), Refusal> {
         }
         let [from, to] = [before, now].map(|reading: &Reading| reading.motors[axis.index()]);
         if (to - from) * if now.down { -1.0 } else { 1.0 } <= 0.0 {
-            let (unit, way) = if axis.is_rotary() { ("deg", 180e-9 / std::f64::consts::PI) } else { ("um", 1e-3) };
+            let (unit, size) = shown(axis);
             let reason = format!(
-                "run {} goes {} but the target goes from {:.6} to {:.6} {unit}: a run is monotonic, so that every \
+                "run {} goes {} but the target goes from {} to {} {unit}: a run is monotonic, so that every \
                  target is reached from one side",
                 now.run,
                 if now.down { "down" } else { "up" },
-                from * way,
-                to * way
+                plain(from / size),
+                plain(to / size)
             );
             return Err(Refusal::line(file, now.line, reason));
         }
@@ -136,17 +141,17 @@ fn travel(file: &Series, nominal: &Machine) -> Result<(), Refusal> {
     for axis in Axis::ALL {
         let [lower, upper] = nominal.drives[axis.index()].travel;
         let span = upper - lower;
-        let (unit, size) = if axis.is_rotary() { ("deg", std::f64::consts::PI / 180.0 * 1e9) } else { ("um", 1e3) };
+        let (unit, size) = shown(axis);
         let at = |reading: &Reading| reading.motors[axis.index()];
         if let Some(reading) = file.readings.iter().find(|r| at(r) < lower - span || at(r) > upper + span) {
             let factor = at(reading).abs() / lower.abs().max(upper.abs());
             let reason = format!(
-                "unit: {} at {:.6} {unit} is {factor:.0} times beyond its travel of {:.6} to {:.6} {unit}; look at the \
-                 unit of the column",
+                "unit: {} at {} {unit} is beyond its travel of {} to {} {unit}, {factor:.1} times as far from home; look \
+                 at the unit of the column",
                 axis.name(),
-                at(reading) / size,
-                lower / size,
-                upper / size
+                plain(at(reading) / size),
+                plain(lower / size),
+                plain(upper / size)
             );
             return Err(Refusal::line(file, reading.line, reason));
         }
@@ -156,11 +161,11 @@ fn travel(file: &Series, nominal: &Machine) -> Result<(), Refusal> {
             || (covered > 0.0 && matches!(file.kind, Kind::Fibre(_)));
         if moves && covered < span / 300.0 {
             let reason = format!(
-                "unit: {} covers {:.6} {unit} of its travel of {:.6} {unit}; measure over the travel, or correct the \
+                "unit: {} covers {} {unit} of its travel of {} {unit}; measure over the travel, or correct the \
                  unit of the column",
                 axis.name(),
-                covered / size,
-                span / size
+                plain(covered / size),
+                plain(span / size)
             );
             return Err(Refusal::line(file, file.readings[0].line, reason));
         }

@@ -228,8 +228,12 @@ impl Fit<'_> {
         for reversal in &result.reversals {
             if reversal.scale_ppm.abs() > 1000.0 {
                 result.warnings.push(format!(
-                    "{}: {} moves {:+.0} ppm more than commanded; correct step_{} in the machine file.",
-                    reversal.file, reversal.axis, reversal.scale_ppm, reversal.unit
+                    "{}: {} moves {:.0} ppm {} than commanded; correct step_{} in the machine file.",
+                    reversal.file,
+                    reversal.axis,
+                    reversal.scale_ppm.abs(),
+                    if reversal.scale_ppm > 0.0 { "more" } else { "less" },
+                    reversal.unit
                 ));
             }
         }

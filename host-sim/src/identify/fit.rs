@@ -6,7 +6,7 @@ use super::gauge::{Gauge, gauge};
 use super::least_squares::{Rows, Solution};
 use super::observe::{Block, Layout, Nuisance, Observer, State, nuisances};
 use super::result::Identification;
-use super::reversal::{Runs, reversal};
+use super::reversal::{Runs, reversal, warn_of_one_way};
 use super::series::{Kind, Series};
 use super::units::Quantity;
 use super::{Options, Refusal};
@@ -37,13 +37,18 @@ pub fn identify(
     let gauge = gauge(nominal, options)?;
     let mut runs = Vec::new();
     for (index, file) in series.iter().enumerate() {
-        let positioning = matches!(file.kind, Kind::Positioning(_));
-        runs.push(if positioning { Some(reversal(file, index, options)?) } else { None });
+        let Kind::Positioning(axis) = file.kind else {
+            runs.push(None);
+            continue;
+        };
+        runs.push(Some(reversal(file, index, options, gauge.held_play(axis))?));
     }
     let mut fit = Fit::new(series, &gauge, &runs, options, progress);
     fit.refuse_undetermined()?;
     fit.run()?;
-    fit.result(nominal, gauge, runs)
+    let mut result = fit.result(nominal, gauge, runs)?;
+    warn_of_one_way(&mut result);
+    Ok(result)
 }
 
 /// Knowledge from elsewhere on one column: value and standard deviation.

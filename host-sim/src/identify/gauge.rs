@@ -3,11 +3,8 @@
 use super::constants::{CONSTANTS, Constant, backlash_name};
 use super::rank::{dependent, ranks};
 use super::{Options, Refusal};
-use crate::machine::{LARGEST_STATIC, Machine};
+use crate::machine::{FARTHEST_UM, LARGEST_STATIC, Machine};
 use stage_controller::units::{AXES, Axis};
-
-/// Farthest position that a machine file takes, um.
-const FARTHEST_UM: f64 = 67_000.0;
 
 /// Which unknowns are held, and the machine with their values.
 pub(super) struct Gauge {
@@ -15,6 +12,13 @@ pub(super) struct Gauge {
     pub held_plays: [bool; AXES],
     pub start: Machine,
     pub sentences: Vec<String>,
+}
+
+impl Gauge {
+    /// The play of a motor where it is held, nm or nrad.
+    pub fn held_play(&self, axis: Axis) -> Option<f64> {
+        self.held_plays[axis.index()].then(|| self.start.drives[axis.index()].backlash)
+    }
 }
 
 /// nm in an unit of the machine file, or 1 for angles in rad.

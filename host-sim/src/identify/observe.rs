@@ -4,6 +4,7 @@ use super::constants::{CONSTANTS, Constant};
 use super::jacobian::{Linearised, Twist};
 use super::play::{Behind, actuators};
 use super::series::{Kind, Reading, Series};
+use super::units::HOUR;
 use super::zeros::{Centred, Equation, Lines};
 use crate::machine::Machine;
 use crate::model::{Chain, exp, vee};
@@ -11,7 +12,6 @@ use nalgebra::{Matrix3, Vector3};
 use stage_controller::units::{AXES, Axis};
 use std::f64::consts::FRAC_PI_2;
 
-const HOUR: f64 = 3600.0;
 /// A mirror is glued to the array within this, rad; it keeps its tilt from running away where nothing tells it.
 pub const MIRROR_SIGMA: f64 = 0.02;
 
@@ -157,12 +157,8 @@ impl<'a> Observer<'a> {
 
     fn place(&self, k: usize, point: [f64; 3]) -> Place {
         let q = self.behind[k].actuators;
-        let pose = self.chain.true_pose(q);
-        let turned = self.chain.euler().compose([pose[3], pose[4], pose[5]].map(|angle| angle * 1e-9));
-        let rotation = turned * self.chain.home_rotation();
-        let from_fibre = Vector3::from(point) - Vector3::from(self.machine.fibre_point_nm);
-        let fibre = self.chain.fibre_home() + Vector3::new(pose[0], pose[1], pose[2]);
-        Place { rotation, point: fibre + rotation * from_fibre, at: Linearised::new(self.machine, &q) }
+        let (rotation, origin) = self.chain.array(q);
+        Place { rotation, point: origin + rotation * Vector3::from(point), at: Linearised::new(self.machine, &q) }
     }
 
     /// Calls back with each fitted column and what it does to the array at a reading.
