@@ -110,7 +110,7 @@ fn the_derivatives_are_those_of_the_exact_chain() {
 #[test]
 fn orders_in_which_the_usual_24_depend_on_each_other_are_known_by_name() {
     let order = [Axis::Gamma, Axis::Beta, Axis::Alpha, Axis::Z, Axis::X, Axis::Y];
-    let lost = dependent(&order, &drawn(&mut Dice::new(1), order));
+    let lost = dependent(&Constant::all(&order), &drawn(&mut Dice::new(1), order));
     println!(
         "figure: gamma beta alpha Z X Y: dependent {:?}",
         lost.iter().map(Constant::to_string).collect::<Vec<_>>()

@@ -80,7 +80,6 @@ impl Args {
             folder(directory)?;
             outputs.extend(series.iter().map(|series| picture(directory, &series.file)));
         }
-        self.refuse_measurement(&self.output)?;
         for output in &outputs {
             spares(output, &read)?;
             // the folder of the pictures may still have to be made
@@ -88,7 +87,7 @@ impl Args {
                 writable(output)?;
             }
         }
-        Ok(())
+        self.refuse_measurement(&self.output)
     }
 
     /// A file that the next run would read as a measurement is no place for the result.

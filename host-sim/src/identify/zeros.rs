@@ -150,7 +150,7 @@ mod tests {
 
     /// Three lines in disorder with columns that have no pattern, and weights as rounds of outliers leave them.
     fn example() -> (Lines, Vec<Equation>, Vec<f64>) {
-        let wave = |n: usize| ((n as f64 + 0.3) * 12.9898).sin();
+        let wave = |n: usize| (((n as f64 + 0.3) * 12.9898).sin() * 43_758.5453).fract();
         let of: Vec<usize> = (0..40).map(|k| (k / 3) % 3).collect();
         let readings = (0..40)
             .map(|k| Equation {
