@@ -150,7 +150,7 @@ mod tests {
 
     /// Three lines in disorder with columns that have no pattern, and weights as rounds of outliers leave them.
     fn example() -> (Lines, Vec<Equation>, Vec<f64>) {
-        let wave = |n: usize| (((n as f64 + 0.3) * 12.9898).sin() * 43_758.5453).fract();
+        let wave = |n: usize| (((n as f64 + 0.3) * 12.9898).sin() * 43_758.545_3).fract();
         let of: Vec<usize> = (0..40).map(|k| (k / 3) % 3).collect();
         let readings = (0..40)
             .map(|k| Equation {
@@ -187,11 +187,11 @@ mod tests {
         (0..WIDTH).for_each(|j| near(short[j], step[j]));
         (0..WIDTH).for_each(|j| (0..WIDTH).for_each(|i| near(own[(i, j)], covariance[(i, j)])));
         let mut block = Block::new(WIDTH);
-        for k in 0..readings.len() {
+        for (k, reading) in readings.iter().enumerate() {
             let row = DVector::from(whole_row(k));
             centred.fill(k, &mut block);
             let part = DVector::from_column_slice(&block.rows[0]);
-            near(block.residual[0] - part.dot(&short), readings[k].residual - row.dot(&step));
+            near(block.residual[0] - part.dot(&short), reading.residual - row.dot(&step));
             let leverage = part.dot(&(&own * &part)) / NOISE.powi(2) + block.eliminated;
             near(leverage, row.dot(&(&covariance * &row)) / NOISE.powi(2));
         }
