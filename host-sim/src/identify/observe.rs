@@ -28,7 +28,8 @@ fn nuisance(name: impl Into<String>) -> Nuisance {
     Nuisance { name: name.into(), prior: None }
 }
 
-/// What is fitted to a file besides the constants, but for the zeros of lines (`zeros.rs`). Values: nm or nrad, drift per hour, slopes as they are, tilts rad.
+/// What is fitted to a file besides the constants, but for the zeros of lines (`zeros.rs`). Values: nm or nrad, drift
+/// per hour, slopes as they are, tilts rad.
 pub fn nuisances(series: &Series, drift: bool) -> Vec<Nuisance> {
     let mut all = match series.kind {
         // these are evaluated on their own
