@@ -56,6 +56,13 @@ fn a_reader_that_goes_away_is_no_failure() {
 }
 
 #[test]
+fn report_says_in_its_usage_that_it_needs_a_page_or_json() {
+    let either = "<--output <FILE>|--json>";
+    assert!(said(&["report", "--help"]).lines().any(|line| line.starts_with("Usage:") && line.contains(either)));
+    assert!(refused(&["report", "paper"]).contains(either));
+}
+
+#[test]
 fn topology_prints_the_three_orders_of_the_paper() {
     let text = said(&["topology"]);
     assert_eq!(text.matches("## Table 1").count(), 3);
@@ -137,6 +144,19 @@ fn sensitivity_takes_its_inputs_from_the_command_line() {
     let wrong = refused(&["sensitivity", "paper", "--fibre-point-um", "1,2"]);
     assert!(wrong.contains("3 numbers"), "{wrong}");
     assert!(refused(&["sensitivity", "paper", "--error-um", "NaN"]).contains("finite"));
+    for command in ["sensitivity", "field"] {
+        for (option, most) in
+            [("--error-um", "200 um"), ("--error-urad", "20000 urad"), ("--static-urad", "20000 urad")]
+        {
+            for value in ["1e300", "-20001"] {
+                let said = refused(&[command, "paper", option, value]);
+                let number = value.parse::<f64>().unwrap();
+                let unit = most.split(' ').nth(1).unwrap();
+                let reason = format!("{number:e} {unit} is no error of a stage: at most {most}");
+                assert!(said.contains(option) && said.contains(&reason), "{said}");
+            }
+        }
+    }
     assert!(refused(&["sensitivity", "paper", "--unit-um", "0"]).contains("above zero"));
 }
 

@@ -94,7 +94,9 @@ fn the_report_for_people_says_rank_reversal_and_gauge() {
     assert!(tool(&["measure", "--machine", "paper", "-o", text(&data), "--outliers", "2"]).status.success());
     let done = tool(&["identify", "--measurements", text(&data), "-o", text(&found)]);
     let report = String::from_utf8(done.stdout).unwrap();
-    for part in ["rank 65 of 65", "reversal value B", "ISO 230-2", "gauge: ", "left out: fibre.csv:", "chi-square"] {
+    for part in
+        ["rank 65 of 65", "reversal value B", "ISO 230-2", "gauge: ", "left out: fibre.csv:", " nm off, ", "chi-square"]
+    {
         assert!(report.contains(part), "{part} in {report}");
     }
 }
@@ -180,6 +182,24 @@ fn no_file_that_is_read_is_overwritten() {
         says(&complaint_of(arguments, 2), &["would overwrite", "nominal.toml"]);
     }
     assert_eq!(["fibre.csv", "nominal.toml"].map(read), before);
+}
+
+#[test]
+fn a_result_that_would_be_read_as_a_measurement_is_refused() {
+    let place = place("next-run");
+    let data = place.join("data");
+    assert!(tool(&["measure", "--machine", "paper", "-o", text(&data)]).status.success());
+    let before = names(&data);
+    for name in ["new.csv", "new.CSV", "../data/new.csv"] {
+        let result = data.join(name);
+        let said = complaint_of(&["identify", "--measurements", text(&data), "-o", text(&result)], 2);
+        says(&said, &["new.", "the next run would read it as a measurement", "name a .toml file"]);
+    }
+    assert_eq!(names(&data), before);
+    // elsewhere a name is a name, and pictures are no measurements
+    let result = place.join("new.csv");
+    let beside = ["identify", "--measurements", text(&data), "-o", text(&result), "--plots", text(&data)];
+    assert!(tool(&beside).status.success() && tool(&beside).status.success());
 }
 
 #[test]
@@ -291,6 +311,10 @@ fn wrong_names_and_columns_are_refused_by_file_and_line() {
     says(&said, &["squareness.csv:7:", "\"W\" is no axis"]);
     let said = complaint("squareness.csv", |t| t.replace("pair,measured_urad", "pair"));
     says(&said, &["squareness.csv:6:", "missing column measured_urad"]);
+    let said = complaint("positioning-alpha.csv", |t| t.replace("target_deg,", ""));
+    says(&said, &["positioning-alpha.csv:7:", "missing column target_deg"]);
+    let said = complaint("orientation.csv", |t| t.replace("at_alpha_deg", "alpha_deg"));
+    says(&said, &["unknown column \"alpha_deg\"", "at_alpha_deg", "rx_urad"]);
     let said = complaint("fibre.csv", |t| t.replace("x_um,y_um", "x_urad,y_um"));
     says(&said, &["column x_urad: must end in one of _nm, _um, _mm"]);
     let said = complaint("fibre.csv", |t| t.replace("x_um,y_um", "x,y_um"));
@@ -357,6 +381,8 @@ fn numbers_that_are_none_are_refused_by_file_line_and_column() {
 fn numbers_that_no_instrument_shows_are_refused() {
     let said = complaint("fibre.csv", |t| scaled(t, 7, 1e200));
     says(&said, &["fibre.csv:8: y_um = ", "beyond 1000 km"]);
+    let said = complaint("fibre.csv", |t| line(t, 8, |l| format!("{}1e30", l.strip_suffix('0').unwrap())));
+    says(&said, &["fibre.csv:8: time_s = 1e30: is beyond 30 million years"]);
     let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_um: 1e-300"));
     says(&said, &["fibre.csv:6: noise_um = 1e-300: must be positive"]);
     let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_um: -1"));
@@ -413,7 +439,10 @@ fn units_mixed_up_are_told_by_their_scale() {
     let said = complaint("positioning-alpha.csv", |t| t.replace("measured_urad", "measured_arcsec"));
     says(&said, &["positioning-alpha.csv:8: unit:", "look like urad written as arcsec"]);
     let said = complaint("positioning-X.csv", |t| t.replace("target_um", "target_mm"));
-    says(&said, &["positioning-X.csv:8: unit: X at", "beyond its travel"]);
+    says(
+        &said,
+        &["positioning-X.csv:8: unit: X at -4545450 um is beyond its travel of -5000 to 5000 um, 909.1 times as"],
+    );
     let said = complaint("positioning-X.csv", |t| scaled(&scaled(t, 3, 1e-3), 0, 1e-3));
     says(&said, &["positioning-X.csv:8: unit: X covers", "of its travel"]);
     let said = complaint("fibre.csv", |t| scaled(t, 7, 1e-3));
@@ -434,7 +463,9 @@ fn units_mixed_up_are_told_by_their_scale() {
     says(&said, &["fibre.csv:8: ", "readings do not fit", "times the noise stated", "wrong unit (of the noise too)"]);
     // a lead that is not quite right is no unit
     let said = complaint("positioning-X.csv", |t| scaled(t, 3, 1.003));
-    says(&said, &["accepted", "X moves +30", "ppm more than commanded"]);
+    says(&said, &["accepted", "X moves 30", "ppm more than commanded"]);
+    let said = complaint("positioning-X.csv", |t| scaled(t, 3, 0.997));
+    says(&said, &["accepted", "X moves 2998 ppm less than commanded"]);
 }
 
 #[test]
@@ -468,6 +499,43 @@ fn runs_that_turn_back_and_too_few_points_are_refused() {
     says(&said, &["fibre.csv:1: no header"]);
     let said = complaint("diagonal.csv", |t| t.replace("\n1,", "\n7,").replacen("\n7,", "\n1,", 1));
     says(&said, &["diagonal.csv:8: too few points: line 1 has 1"]);
+}
+
+#[test]
+fn runs_that_go_one_way_need_the_play_held_and_tell_the_scale() {
+    let truth = Machine::paper();
+    let known = nominal(&truth);
+    let settings = Settings { drift_nm_per_hour: 500.0, ..Settings::default() };
+    let fit = |way: &str, hold: &[(&str, Option<f64>)]| {
+        let one_way = |text: &str| {
+            let kept = text.lines().filter(|l| !l.contains(",up,") && !l.contains(",down,") || l.contains(way));
+            scaled(&kept.collect::<Vec<_>>().join("\n"), 3, 1.0002)
+        };
+        let files = measure(&truth, &settings);
+        let text = |file: &str, all: String| if file == "positioning-X.csv" { one_way(&all) } else { all };
+        let series: Vec<_> =
+            files.into_iter().map(|f| parse(&f.file, &text(&f.file, f.text), &known.order).unwrap()).collect();
+        let hold = hold.iter().map(|(name, value)| (name.to_string(), *value)).collect();
+        identify(&series, &known, &Options { hold, ..Options::default() }, &mut |_| {})
+    };
+    for way in [",up,", ",down,"] {
+        let said = fit(way, &[]).unwrap_err().to_string();
+        says(&said, &["positioning-X.csv:8:", "0 targets are reached both", "--hold axes.X.backlash_nm"]);
+        let play = truth.drives[0].backlash;
+        let result = fit(way, &[("axes.X.backlash_nm", Some(play))]).unwrap();
+        let x = result.reversals.iter().find(|r| r.axis == "X").unwrap();
+        assert_eq!((x.reversal, x.mean_reversal, x.backlash, x.targets, x.runs), (None, None, play, 11, 5));
+        assert!((x.scale_ppm - 200.0).abs() < 15.0, "{}", x.scale_ppm);
+        assert!((x.noise / settings.noise_nm - 1.0).abs() < 0.01 && x.drift_per_hour.is_some());
+        let warned: Vec<_> = result.warnings.iter().filter(|w| w.contains("positioning-X.csv")).collect();
+        assert_eq!(warned.len(), 1, "{:?}", result.warnings);
+        says(warned[0], &["from one side only", "no reversal value", "held at", "ppm"]);
+        says(&result.to_string(), &["positioning-X.csv: X one way, scale +"]);
+        assert_eq!(serde_json::to_value(x).unwrap()["sigma"], serde_json::Value::Null);
+        assert!(result.probability > 1e-3 && result.rank == result.unknowns);
+        let file = result.files.iter().find(|file| file.file == "positioning-X.csv").unwrap();
+        assert!(file.rejected == 0 && (0.5..1.2).contains(&(file.rms / settings.noise_nm)));
+    }
 }
 
 #[test]

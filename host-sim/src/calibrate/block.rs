@@ -1,6 +1,6 @@
 //! Rounds the law into the fields of the calibration block.
 
-use super::{Law, Refusal};
+use super::{Law, Q32, Refusal};
 use crate::machine::{Drive, Machine};
 use crate::model::Chain;
 use nalgebra::Vector3;
@@ -8,7 +8,6 @@ use stage_controller::compensation::calibration::{Calibration, MotorData, ScrewA
 use stage_controller::units::{AXES, Axis, COORDINATE_LIMIT};
 
 const Q30: f64 = (1u64 << 30) as f64;
-const Q32: f64 = (1u64 << 32) as f64;
 /// Positions in the block count sixteenths of a nm.
 const PER_NM: f64 = 16.0;
 /// Second-order coefficients: per radian times 2^60 / 10^9.

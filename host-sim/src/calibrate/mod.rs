@@ -15,6 +15,8 @@ use nalgebra::Matrix3;
 use stage_controller::compensation::calibration::Calibration;
 use stage_controller::units::Axis;
 
+/// Steps of the controller's fine positions (32 fractional bits) in a nm, nrad or motor step.
+pub const Q32: f64 = (1u64 << 32) as f64;
 /// Largest travel of a rotary stage in degrees: the controller's rotation-centre law ends at 7.69°.
 pub const ROTARY_TRAVEL_DEG: f64 = 7.5;
 /// Largest distance of the fibre point from a rotary axis in nm.

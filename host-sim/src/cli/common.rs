@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Once;
 use std::time::{Duration, Instant};
 
-/// What takes longer shows a bar.
+/// What takes longer shows a bar, or a line.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// A machine file, or the built-in machine by its name when there is no such file.
@@ -70,6 +70,36 @@ pub fn with_progress<T>(total: u64, things: &str, work: impl FnOnce(&(dyn Fn() +
     });
     bar.finish_and_clear();
     result
+}
+
+/// A line on a terminal's stderr that says what is being done, once that takes longer than a second.
+pub struct Spinner {
+    since: Instant,
+    bar: Option<ProgressBar>,
+}
+
+impl Spinner {
+    /// Shows nothing yet.
+    pub fn new() -> Self {
+        Spinner { since: Instant::now(), bar: None }
+    }
+
+    /// Says what is being done now.
+    pub fn show(&mut self, what: &str) {
+        if self.since.elapsed() > PATIENCE {
+            // draws on stderr, and only if that is a terminal
+            let bar = self.bar.get_or_insert_with(ProgressBar::new_spinner);
+            bar.set_message(what.to_string());
+            bar.tick();
+        }
+    }
+
+    /// Takes the line away.
+    pub fn clear(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
 }
 
 /// Refuses before anything is computed what could not be written afterwards.

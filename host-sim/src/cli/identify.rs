@@ -1,18 +1,13 @@
 //! `host-sim identify`: measurements in, machine file out.
 
 use super::Failure;
-use super::common::{folder, load, replace, say, say_json, spares, writable};
+use super::common::{Spinner, folder, load, replace, say, say_json, spares, writable};
 use crate::identify::{
-    Identification, Options, ReadError, Refusal, Series, backlash_name, identify, plots, read_directory,
+    Identification, Options, ReadError, Refusal, Series, backlash_name, identify, is_measurement, plots, read_directory,
 };
 use crate::machine::{Machine, MachineError, StaticErrors, to_toml_with};
-use indicatif::ProgressBar;
 use stage_controller::units::Axis;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
-
-/// A progress line is shown after this.
-const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Fit the constants of a stage and the backlash of its motors to measurements, and write them as a machine file.
 ///
@@ -54,7 +49,7 @@ impl Args {
         let options = Options { hold: self.held()?, drift: !self.no_drift, reject: !self.keep_outliers };
         let series = read_directory(&self.measurements, &nominal.order).map_err(|error| self.failure(error.into()))?;
         self.check_outputs(&series)?;
-        let mut progress = Progress::new();
+        let mut progress = Spinner::new();
         let mut result = identify(&series, &nominal, &options, &mut |what| progress.show(what))
             .map_err(|refusal| self.failure(refusal))?;
         progress.clear();
@@ -91,6 +86,22 @@ impl Args {
             if output.parent() != self.plots.as_deref() || output.exists() {
                 writable(output)?;
             }
+        }
+        self.refuse_measurement(&self.output)
+    }
+
+    /// A file that the next run would read as a measurement is no place for the result.
+    fn refuse_measurement(&self, output: &Path) -> Result<(), Failure> {
+        let folder = output.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let (Ok(folder), Ok(measurements)) = (folder.canonicalize(), self.measurements.canonicalize()) else {
+            return Ok(());
+        };
+        if is_measurement(output) && folder == measurements {
+            return Err(Failure::Refused(format!(
+                "{}: the next run would read it as a measurement, as every .csv file of {}; name a .toml file",
+                output.display(),
+                self.measurements.display()
+            )));
         }
         Ok(())
     }
@@ -173,31 +184,4 @@ fn machine_file(result: &Identification) -> String {
         sigma(key).filter(|_| fitted).map(|sigma| format!("+- {sigma}"))
     };
     to_toml_with(&result.machine, &header, note)
-}
-
-/// A line on a terminal's stderr that says what is being done, once it takes long.
-struct Progress {
-    since: Instant,
-    bar: Option<ProgressBar>,
-}
-
-impl Progress {
-    fn new() -> Self {
-        Progress { since: Instant::now(), bar: None }
-    }
-
-    fn show(&mut self, what: &str) {
-        if self.since.elapsed() > PATIENCE {
-            // draws on stderr, and only if that is a terminal
-            let bar = self.bar.get_or_insert_with(ProgressBar::new_spinner);
-            bar.set_message(what.to_string());
-            bar.tick();
-        }
-    }
-
-    fn clear(&mut self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
-    }
 }

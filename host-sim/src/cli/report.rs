@@ -8,11 +8,13 @@ use std::path::PathBuf;
 /// Write one self-contained HTML page about a machine: chain and tables, sensitivities (um), errors over the travel
 /// (um, urad), what each compensation buys (um), what fixed point costs (nm), the numbers of the paper.
 #[derive(Debug, clap::Args)]
+#[group(skip)]
+#[command(group(clap::ArgGroup::new("result").args(["output", "json"]).required(true).multiple(true)))]
 pub struct Args {
     /// Machine file (TOML), or `paper` for the built-in machine.
     machine: PathBuf,
-    /// Where the page is written. Needed unless --json is given.
-    #[arg(short, long, value_name = "FILE", required_unless_present = "json")]
+    /// Where the page is written.
+    #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Print the figures of the page as one JSON object on stdout.
     #[arg(long)]

@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::common::{say, say_json};
-use crate::machine::FARTHEST_UM;
+use crate::machine::{FARTHEST_UM, LARGEST_KINEMATIC_UM, LARGEST_STATIC};
 
 /// A titled table.
 #[derive(Clone, Debug, Default)]
@@ -108,17 +108,35 @@ pub fn positive(text: &str) -> Result<f64, String> {
     finite(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err(format!("{text:?} is not above zero")) })
 }
 
+/// Size of a displacement error, um.
+fn error_um(text: &str) -> Result<f64, String> {
+    believed(text, LARGEST_KINEMATIC_UM, "um")
+}
+
+/// Size of an angular error, urad.
+fn error_urad(text: &str) -> Result<f64, String> {
+    believed(text, LARGEST_STATIC * 1e6, "urad")
+}
+
+/// A size that a machine file would take as well.
+fn believed(text: &str, largest: f64, unit: &str) -> Result<f64, String> {
+    match finite(text)? {
+        value if value.abs() <= largest => Ok(value),
+        value => Err(format!("{value:e} {unit} is no error of a stage: at most {largest} {unit} is believed")),
+    }
+}
+
 /// Sizes of errors, where the machine's own are not used.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Sizes {
-    /// Displacement error of a stage or mount, um.
-    #[arg(long, value_name = "UM", default_value = "0.3", value_parser = finite, allow_negative_numbers = true)]
+    /// Displacement error of a stage or mount, um, at most 200 either way.
+    #[arg(long, value_name = "UM", default_value = "0.3", value_parser = error_um, allow_negative_numbers = true)]
     error_um: f64,
-    /// Rotation error of a stage or mount, urad.
-    #[arg(long, value_name = "URAD", default_value = "50", value_parser = finite, allow_negative_numbers = true)]
+    /// Rotation error of a stage or mount, urad, at most 20000 either way.
+    #[arg(long, value_name = "URAD", default_value = "50", value_parser = error_urad, allow_negative_numbers = true)]
     error_urad: f64,
-    /// Each of the nine static angular errors, urad.
-    #[arg(long, value_name = "URAD", default_value = "50", value_parser = finite, allow_negative_numbers = true)]
+    /// Each of the nine static angular errors, urad, at most 20000 either way.
+    #[arg(long, value_name = "URAD", default_value = "50", value_parser = error_urad, allow_negative_numbers = true)]
     static_urad: f64,
 }
 

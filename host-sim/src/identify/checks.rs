@@ -3,8 +3,9 @@
 use super::Refusal;
 use super::jacobian::Linearised;
 use super::series::{Kind, Reading, Series};
-use super::units::{Quantity, Unit, really};
-use crate::machine::{LARGEST_STATIC, Machine};
+use super::units::{Quantity, Unit, plain, really};
+use super::zeros::Lines;
+use crate::machine::{LARGEST_STATIC, Machine, NRAD_PER_DEG};
 use nalgebra::{Rotation3, Vector3};
 use stage_controller::units::{AXES, Axis};
 
@@ -38,6 +39,11 @@ pub(super) fn runs(series: &[Series]) -> Result<(), Refusal> {
     Ok(())
 }
 
+/// Unit in which positions of an axis are shown, and its size in nm or nrad.
+fn shown(axis: Axis) -> (&'static str, f64) {
+    if axis.is_rotary() { ("deg", NRAD_PER_DEG) } else { ("um", 1e3) }
+}
+
 fn monotonic(file: &Series, axis: Axis) -> Result<(), Refusal> {
     for pair in file.readings.windows(2) {
         let [before, now] = [&pair[0], &pair[1]];
@@ -46,14 +52,14 @@ fn monotonic(file: &Series, axis: Axis) -> Result<(), Refusal> {
         }
         let [from, to] = [before, now].map(|reading: &Reading| reading.motors[axis.index()]);
         if (to - from) * if now.down { -1.0 } else { 1.0 } <= 0.0 {
-            let (unit, way) = if axis.is_rotary() { ("deg", 180e-9 / std::f64::consts::PI) } else { ("um", 1e-3) };
+            let (unit, size) = shown(axis);
             let reason = format!(
-                "run {} goes {} but the target goes from {:.6} to {:.6} {unit}: a run is monotonic, so that every \
+                "run {} goes {} but the target goes from {} to {} {unit}: a run is monotonic, so that every \
                  target is reached from one side",
                 now.run,
                 if now.down { "down" } else { "up" },
-                from * way,
-                to * way
+                plain(from / size),
+                plain(to / size)
             );
             return Err(Refusal::line(file, now.line, reason));
         }
@@ -62,26 +68,21 @@ fn monotonic(file: &Series, axis: Axis) -> Result<(), Refusal> {
 }
 
 fn lines(file: &Series) -> Result<(), Refusal> {
-    let mut first = &file.readings[0];
-    let mut farthest = -1.0;
-    let mut points = 0;
-    for reading in file.readings.iter().chain(std::iter::once(&Reading { run: u32::MAX, ..file.readings[0] })) {
-        if reading.run != first.run {
-            if points < 2 {
-                let reason = format!("too few points: line {} has {points}, at least 2 are needed", first.run);
-                return Err(Refusal::line(file, first.line, reason));
+    for line in file.readings.chunk_by(|a, b| a.run == b.run) {
+        let (first, number) = (&line[0], line[0].run);
+        if line.len() < 2 {
+            let reason = format!("too few points: line {number} has {}, at least 2 are needed", line.len());
+            return Err(Refusal::line(file, first.line, reason));
+        }
+        let mut farthest = 0.0;
+        for reading in &line[1..] {
+            let away = (0..3).map(|i| (reading.motors[i] - first.motors[i]).powi(2)).sum::<f64>().sqrt();
+            if away <= farthest {
+                let reason = format!("line {number} is not monotonic: each point is farther from the first one");
+                return Err(Refusal::line(file, reading.line, reason));
             }
-            first = reading;
-            farthest = -1.0;
-            points = 0;
+            farthest = away;
         }
-        let away = (0..3).map(|i| (reading.motors[i] - first.motors[i]).powi(2)).sum::<f64>().sqrt();
-        if away <= farthest && reading.run != u32::MAX {
-            let reason = format!("line {} is not monotonic: each point is farther from the first one", reading.run);
-            return Err(Refusal::line(file, reading.line, reason));
-        }
-        farthest = away;
-        points += 1;
     }
     Ok(())
 }
@@ -90,9 +91,10 @@ fn lines(file: &Series) -> Result<(), Refusal> {
 pub(super) fn scales(series: &[Series], nominal: &Machine) -> Result<(), Refusal> {
     for file in series {
         travel(file, nominal)?;
+        let lines = Lines::new(file);
+        let all: Vec<[f64; 3]> = (0..file.readings.len()).map(|k| predicted(file, &lines, k, nominal)).collect();
         for column in 0..file.kind.columns().len() {
-            let predicted: Vec<f64> =
-                file.readings.iter().map(|reading| predicted(file, reading, nominal)[column]).collect();
+            let predicted: Vec<f64> = all.iter().map(|values| values[column]).collect();
             let measured: Vec<f64> = file.readings.iter().map(|reading| reading.values[column]).collect();
             let Some(ratio) = ratio(file, column, &predicted, &measured, nominal) else { continue };
             if (0.5..2.0).contains(&ratio) {
@@ -139,17 +141,17 @@ fn travel(file: &Series, nominal: &Machine) -> Result<(), Refusal> {
     for axis in Axis::ALL {
         let [lower, upper] = nominal.drives[axis.index()].travel;
         let span = upper - lower;
-        let (unit, size) = if axis.is_rotary() { ("deg", std::f64::consts::PI / 180.0 * 1e9) } else { ("um", 1e3) };
+        let (unit, size) = shown(axis);
         let at = |reading: &Reading| reading.motors[axis.index()];
         if let Some(reading) = file.readings.iter().find(|r| at(r) < lower - span || at(r) > upper + span) {
             let factor = at(reading).abs() / lower.abs().max(upper.abs());
             let reason = format!(
-                "unit: {} at {:.6} {unit} is {factor:.0} times beyond its travel of {:.6} to {:.6} {unit}; look at the \
-                 unit of the column",
+                "unit: {} at {} {unit} is beyond its travel of {} to {} {unit}, {factor:.1} times as far from home; look \
+                 at the unit of the column",
                 axis.name(),
-                at(reading) / size,
-                lower / size,
-                upper / size
+                plain(at(reading) / size),
+                plain(lower / size),
+                plain(upper / size)
             );
             return Err(Refusal::line(file, reading.line, reason));
         }
@@ -159,11 +161,11 @@ fn travel(file: &Series, nominal: &Machine) -> Result<(), Refusal> {
             || (covered > 0.0 && matches!(file.kind, Kind::Fibre(_)));
         if moves && covered < span / 300.0 {
             let reason = format!(
-                "unit: {} covers {:.6} {unit} of its travel of {:.6} {unit}; measure over the travel, or correct the \
+                "unit: {} covers {} {unit} of its travel of {} {unit}; measure over the travel, or correct the \
                  unit of the column",
                 axis.name(),
-                covered / size,
-                span / size
+                plain(covered / size),
+                plain(span / size)
             );
             return Err(Refusal::line(file, file.readings[0].line, reason));
         }
@@ -172,7 +174,8 @@ fn travel(file: &Series, nominal: &Machine) -> Result<(), Refusal> {
 }
 
 /// What the nominal machine would show, without play and without the instrument's own zero.
-fn predicted(file: &Series, reading: &Reading, nominal: &Machine) -> [f64; 3] {
+fn predicted(file: &Series, lines: &Lines, k: usize, nominal: &Machine) -> [f64; 3] {
+    let reading = &file.readings[k];
     let place = |motors: &[f64; AXES]| {
         let (rotation, origin) = Linearised::new(nominal, motors).array(nominal);
         (rotation, origin + rotation * Vector3::from(nominal.fibre_point_nm))
@@ -182,7 +185,7 @@ fn predicted(file: &Series, reading: &Reading, nominal: &Machine) -> [f64; 3] {
         Kind::Fibre(_) => place(&reading.motors).1.into(),
         Kind::Orientation => (Rotation3::from_matrix_unchecked(place(&reading.motors).0).scaled_axis() * 1e9).into(),
         Kind::Diagonal => {
-            let first = file.readings.iter().find(|other| other.run == reading.run).unwrap_or(reading);
+            let first = &file.readings[lines.start(k)];
             [(place(&reading.motors).1 - place(&first.motors).1).norm(), 0.0, 0.0]
         }
         Kind::Autocollimator(normal) => {

@@ -112,8 +112,8 @@ impl Fit<'_> {
             order: machine.order.map(Axis::name).to_vec(),
             estimates,
             covariance: covariance_of,
-            rank: solution.rank(),
-            unknowns: self.layout.width,
+            rank: solution.rank() + self.zeros_told(),
+            unknowns: self.layout.width + self.zeros_told(),
             condition: solution.condition(),
             readings: self.series.iter().map(|file| file.readings.len()).sum(),
             chi_square: 0.0,
@@ -186,15 +186,15 @@ impl Fit<'_> {
                 unit: file.kind.quantity().unit(),
                 noise_stated: file.noise.is_some() && !self.estimated[index],
                 rms: (squares / count.max(1) as f64).sqrt(),
-                nuisances: own.collect(),
+                nuisances: self.zeros(index, covariance).into_iter().chain(own).collect(),
             });
         }
         for prior in &self.priors {
             chi_square += ((prior.value - self.value(&self.state, prior.column)) / prior.sigma).powi(2);
         }
         // what is known beforehand counts like a measurement
-        let dof =
-            (counted + self.priors.len()).saturating_sub(self.solution.as_ref().map_or(0, Solution::rank)) + run_dof;
+        let fitted = self.solution.as_ref().map_or(0, Solution::rank) + self.zeros_told();
+        let dof = (counted + self.priors.len()).saturating_sub(fitted) + run_dof;
         result.chi_square = chi_square;
         result.degrees_of_freedom = dof;
         let from_residuals = result.files.iter().filter(|file| !file.noise_stated);
@@ -231,8 +231,12 @@ impl Fit<'_> {
         for reversal in &result.reversals {
             if reversal.scale_ppm.abs() > 1000.0 {
                 result.warnings.push(format!(
-                    "{}: {} moves {:+.0} ppm more than commanded; correct step_{} in the machine file.",
-                    reversal.file, reversal.axis, reversal.scale_ppm, reversal.unit
+                    "{}: {} moves {:.0} ppm {} than commanded; correct step_{} in the machine file.",
+                    reversal.file,
+                    reversal.axis,
+                    reversal.scale_ppm.abs(),
+                    if reversal.scale_ppm > 0.0 { "more" } else { "less" },
+                    reversal.unit
                 ));
             }
         }

@@ -6,7 +6,7 @@ use super::gauge::{Gauge, gauge};
 use super::least_squares::{Rows, Solution};
 use super::observe::{Block, Layout, Nuisance, Observer, State, nuisances};
 use super::result::Identification;
-use super::reversal::{Runs, reversal};
+use super::reversal::{Runs, reversal, warn_of_one_way};
 use super::series::{Kind, Series};
 use super::units::Quantity;
 use super::{Options, Refusal};
@@ -37,14 +37,19 @@ pub fn identify(
     let gauge = gauge(nominal, options)?;
     let mut runs = Vec::new();
     for (index, file) in series.iter().enumerate() {
-        let positioning = matches!(file.kind, Kind::Positioning(_));
-        runs.push(if positioning { Some(reversal(file, index, options)?) } else { None });
+        let Kind::Positioning(axis) = file.kind else {
+            runs.push(None);
+            continue;
+        };
+        runs.push(Some(reversal(file, index, options, gauge.held_play(axis))?));
     }
     let mut fit = Fit::new(series, &gauge, &runs, options, progress);
     fit.refuse_undetermined()?;
     fit.run()?;
     fit.judge_unstated()?;
-    fit.result(nominal, gauge, runs)
+    let mut result = fit.result(nominal, gauge, runs)?;
+    warn_of_one_way(&mut result);
+    Ok(result)
 }
 
 /// Knowledge from elsewhere on one column: value and standard deviation.
@@ -164,7 +169,7 @@ impl<'a> Fit<'a> {
         let mut block = Block::new(self.layout.width);
         let mut whole = vec![0.0; self.layout.width];
         for (index, file) in self.fitted() {
-            let observer = Observer::new(&self.layout, state, file, index, self.options.drift);
+            let observer = Observer::new(&self.layout, state, file, index, self.options.drift, &self.weights[index]);
             // a triangle of its own, without the columns of other files
             let touched = self.touched(index);
             let mut own = Rows::new(touched.len());

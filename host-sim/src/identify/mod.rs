@@ -28,13 +28,14 @@ mod suspicions;
 mod undetermined;
 pub mod units;
 mod weights;
+mod zeros;
 
 pub use constants::{CONSTANTS, Constant, backlash_name};
 pub use fit::identify;
 pub use jacobian::{Interface, Linearised, Twist};
 pub use play::{Behind, Walk};
 pub use rank::{Ranks, dependent, ranks};
-pub use read::{ReadError, decode, parse, read_directory};
+pub use read::{ReadError, decode, is_measurement, parse, read_directory};
 pub use result::{Estimate, FileSummary, Identification, Outlier, Residual, Reversal};
 pub use series::{Approach, Kind, Reading, Series};
 

@@ -4,13 +4,14 @@ use super::constants::{CONSTANTS, Constant};
 use super::jacobian::{Linearised, Twist};
 use super::play::{Behind, actuators};
 use super::series::{Kind, Reading, Series};
+use super::units::HOUR;
+use super::zeros::{Centred, Equation, Lines};
 use crate::machine::Machine;
 use crate::model::{Chain, exp, vee};
 use nalgebra::{Matrix3, Vector3};
 use stage_controller::units::{AXES, Axis};
 use std::f64::consts::FRAC_PI_2;
 
-const HOUR: f64 = 3600.0;
 /// A mirror is glued to the array within this, rad; it keeps its tilt from running away where nothing tells it.
 pub const MIRROR_SIGMA: f64 = 0.02;
 
@@ -27,14 +28,14 @@ fn nuisance(name: impl Into<String>) -> Nuisance {
     Nuisance { name: name.into(), prior: None }
 }
 
-/// What is fitted to a file besides the constants. Values: nm or nrad, drift per hour, slopes as they are, tilts rad.
+/// What is fitted to a file besides the constants, but for the zeros of lines (`zeros.rs`). Values: nm or nrad, drift
+/// per hour, slopes as they are, tilts rad.
 pub fn nuisances(series: &Series, drift: bool) -> Vec<Nuisance> {
     let mut all = match series.kind {
         // these are evaluated on their own
         Kind::Positioning(_) => return Vec::new(),
         Kind::Straightness { to_chip: false, .. } => vec![nuisance("offset"), nuisance("slope")],
         Kind::Straightness { to_chip: true, .. } => vec![nuisance("offset")],
-        Kind::Diagonal => lines(series).into_iter().map(|line| nuisance(format!("zero of line {line}"))).collect(),
         Kind::Autocollimator(_) => {
             let tilt = |c: &str| Nuisance { name: format!("tilt of the mirror {c}"), prior: Some(MIRROR_SIGMA) };
             let [a, b] = [0, 1].map(|i| series.kind.columns()[i]);
@@ -47,14 +48,6 @@ pub fn nuisances(series: &Series, drift: bool) -> Vec<Nuisance> {
         all.extend(columns.map(|column| nuisance(format!("drift of {column} per hour"))));
     }
     all
-}
-
-/// Numbers of the lines of diagonals, in order.
-fn lines(series: &Series) -> Vec<u32> {
-    let mut lines: Vec<u32> = series.readings.iter().map(|reading| reading.run).collect();
-    lines.sort_unstable();
-    lines.dedup();
-    lines
 }
 
 /// Where everything stands among the unknowns.
@@ -90,12 +83,14 @@ pub struct Block {
     pub residual: [f64; 3],
     /// One row for each column of the file.
     pub rows: [Vec<f64>; 3],
+    /// Variance of what was fitted to the reading and eliminated, per one of a reading of weight 1.
+    pub eliminated: f64,
 }
 
 impl Block {
     /// Empty rows.
     pub fn new(width: usize) -> Self {
-        Block { residual: [0.0; 3], rows: std::array::from_fn(|_| vec![0.0; width]) }
+        Block { residual: [0.0; 3], rows: std::array::from_fn(|_| vec![0.0; width]), eliminated: 0.0 }
     }
 }
 
@@ -116,14 +111,23 @@ pub struct Observer<'a> {
     drift: bool,
     chain: Chain,
     behind: Vec<Behind>,
-    lines: Vec<u32>,
+    lines: Lines,
+    /// Of diagonals: all readings without the zeros of their lines.
+    centred: Option<Centred>,
 }
 
 impl<'a> Observer<'a> {
-    /// For the file with this index.
-    pub fn new(layout: &'a Layout, state: &'a State, series: &'a Series, index: usize, drift: bool) -> Self {
+    /// For the file with this index, whose readings count with these weights.
+    pub fn new(
+        layout: &'a Layout,
+        state: &'a State,
+        series: &'a Series,
+        index: usize,
+        drift: bool,
+        weights: &[f64],
+    ) -> Self {
         let play = state.machine.drives.map(|drive| drive.backlash);
-        Observer {
+        let mut observer = Observer {
             layout,
             series,
             machine: &state.machine,
@@ -132,18 +136,30 @@ impl<'a> Observer<'a> {
             drift: drift && series.shows_drift(),
             chain: Chain::new(&state.machine),
             behind: actuators(series, play),
-            lines: lines(series),
+            lines: Lines::new(series),
+            centred: None,
+        };
+        if series.kind == Kind::Diagonal {
+            let mut block = Block::new(layout.width);
+            let equation = |k: usize| {
+                observer.reading(k, &mut block);
+                Equation { residual: block.residual[0], row: block.rows[0].clone() }
+            };
+            let equations = (0..series.readings.len()).map(equation).collect();
+            observer.centred = Some(Centred::new(observer.lines.clone(), equations, weights));
         }
+        observer
+    }
+
+    /// Of diagonals: all readings without the zeros of their lines.
+    pub fn into_centred(self) -> Option<Centred> {
+        self.centred
     }
 
     fn place(&self, k: usize, point: [f64; 3]) -> Place {
         let q = self.behind[k].actuators;
-        let pose = self.chain.true_pose(q);
-        let turned = self.chain.euler().compose([pose[3], pose[4], pose[5]].map(|angle| angle * 1e-9));
-        let rotation = turned * self.chain.home_rotation();
-        let from_fibre = Vector3::from(point) - Vector3::from(self.machine.fibre_point_nm);
-        let fibre = self.chain.fibre_home() + Vector3::new(pose[0], pose[1], pose[2]);
-        Place { rotation, point: fibre + rotation * from_fibre, at: Linearised::new(self.machine, &q) }
+        let (rotation, origin) = self.chain.array(q);
+        Place { rotation, point: origin + rotation * Vector3::from(point), at: Linearised::new(self.machine, &q) }
     }
 
     /// Calls back with each fitted column and what it does to the array at a reading.
@@ -163,6 +179,14 @@ impl<'a> Observer<'a> {
 
     /// Fills the rows of reading `k`.
     pub fn fill(&self, k: usize, block: &mut Block) {
+        match &self.centred {
+            Some(centred) => centred.fill(k, block),
+            None => self.reading(k, block),
+        }
+    }
+
+    /// The same without what is eliminated.
+    fn reading(&self, k: usize, block: &mut Block) {
         block.rows.iter_mut().for_each(|row| row.fill(0.0));
         let reading = &self.series.readings[k];
         match self.series.kind {
@@ -239,20 +263,17 @@ impl<'a> Observer<'a> {
 
     /// Distance from the first point of the line.
     fn diagonal(&self, k: usize, reading: &Reading, block: &mut Block) {
-        let same = |other: &Reading| other.run == reading.run;
-        let first = self.series.readings.iter().position(same).expect("its own line at least");
-        let line = self.lines.partition_point(|line| *line < reading.run);
+        let first = self.lines.start(k);
         let point = self.machine.fibre_point_nm;
         let (start, here) = (self.place(first, point), self.place(k, point));
         let way = here.point - start.point;
         let distance = way.norm();
-        block.residual[0] = reading.values[0] - distance - self.own[line];
+        block.residual[0] = reading.values[0] - distance;
         if distance > 1.0 {
             let along = way / distance;
             self.each_twist(&here.at, k, |c, twist| block.rows[0][c] += along.dot(&twist.moves(here.point)));
             self.each_twist(&start.at, first, |c, twist| block.rows[0][c] -= along.dot(&twist.moves(start.point)));
         }
-        block.rows[0][self.first + line] = 1.0;
     }
 
     /// Angles of the mirror's normal about the two chip axes across it.

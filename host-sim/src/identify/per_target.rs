@@ -4,7 +4,8 @@
 /// A column whose part that no other column gives is below this share of its length tells nothing.
 const NOTHING: f64 = 1e-9;
 
-/// Readings of runs: deviation = mean of the target + play on the way down + drift times hours.
+/// Readings of runs: deviation = mean of the target + play on the way down + drift times hours. Without a 1 in `down`
+/// there is no play among the unknowns.
 pub(super) struct PerTarget {
     /// Number of targets.
     pub targets: usize,
@@ -25,7 +26,7 @@ pub(super) struct Solved {
     pub play: f64,
     /// Per hour; 0 where none is fitted.
     pub drift: f64,
-    /// Standard deviation of the play per one of a reading of weight 1.
+    /// Standard deviation of the play per one of a reading of weight 1; infinite where there is none.
     pub play_sigma: f64,
     /// Measured less fitted of all readings, those of weight 0 included.
     pub left: Vec<f64>,
@@ -36,7 +37,11 @@ pub(super) struct Solved {
 impl PerTarget {
     /// Unknowns: means, play and drift.
     pub(super) fn unknowns(&self) -> usize {
-        self.targets + 1 + usize::from(self.hours.is_some())
+        self.targets + usize::from(self.has_play()) + usize::from(self.hours.is_some())
+    }
+
+    fn has_play(&self) -> bool {
+        self.down.iter().any(|down| *down != 0.0)
     }
 
     /// Solution with these weights of the readings; none where they do not tell all unknowns.
@@ -61,12 +66,13 @@ impl PerTarget {
 
         let (deviation_means, down_means) = (means(&self.deviation), means(&self.down));
         let (deviation, down) = (centred(&self.deviation, &deviation_means), centred(&self.down, &down_means));
-        let down_square = product(&down, &down);
-        if !told(down_square, product(&self.down, &self.down)) {
+        // what is divided by it is nothing where there is no play
+        let down_square = if self.has_play() { product(&down, &down) } else { f64::INFINITY };
+        if self.has_play() && !told(down_square, product(&self.down, &self.down)) {
             return None;
         }
         let mut play = product(&down, &deviation) / down_square;
-        let mut play_variance = 1.0 / down_square;
+        let mut play_variance = if self.has_play() { 1.0 / down_square } else { f64::INFINITY };
         let mut drift = 0.0;
         let mut leverage: Vec<f64> = self.place.iter().map(|place| 1.0 / sum[*place]).collect();
         leverage.iter_mut().zip(&down).for_each(|(h, down)| *h += down * down / down_square);
@@ -157,6 +163,29 @@ mod tests {
                 near(solved.leverage[k], (root.transpose() * nalgebra::DVector::from(row(k))).norm_squared());
             }
         }
+    }
+
+    #[test]
+    fn runs_without_a_way_down_have_no_play_and_the_same_means() {
+        let mut with = uneven();
+        with.deviation.iter_mut().zip(&with.down).for_each(|(deviation, down)| *deviation -= 250.0 * down);
+        with.down.fill(0.0);
+        assert_eq!(with.unknowns(), with.targets + 1);
+        let weights: Vec<f64> = (0..with.place.len()).map(|k| [1.0, 0.3, 0.0, 1.0, 0.7][k % 5]).collect();
+        let solved = with.solve(&weights).unwrap();
+        let mut rows = Rows::new(with.unknowns());
+        for (k, weight) in weights.iter().enumerate() {
+            let mut row = vec![0.0; with.unknowns()];
+            row[with.place[k]] = weight.sqrt();
+            row[with.targets] = with.hours.as_ref().unwrap()[k] * weight.sqrt();
+            rows.push(&row, with.deviation[k] * weight.sqrt());
+        }
+        let found = rows.solve().step(0.0);
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9 * (1.0 + b.abs()), "{a} {b}");
+        (0..with.targets).for_each(|t| near(solved.means[t], found[t]));
+        near(solved.drift, found[with.targets]);
+        assert!(solved.play == 0.0 && solved.play_sigma.is_infinite());
+        assert!(solved.left.iter().chain(&solved.leverage).all(|value| value.is_finite()));
     }
 
     #[test]

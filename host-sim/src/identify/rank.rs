@@ -5,7 +5,7 @@ use super::jacobian::{Linearised, Twist};
 use crate::machine::Machine;
 use nalgebra::{DMatrix, DVector, Vector3};
 use serde::Serialize;
-use stage_controller::units::{AXES, Axis};
+use stage_controller::units::AXES;
 
 /// Poses at which the array's position and orientation are compared.
 const POSES: usize = 60;
@@ -101,19 +101,16 @@ fn singular_values(
     values
 }
 
-/// The constants of the standard set that an order makes dependent on the others; empty where all can be told apart.
-pub fn dependent(order: &[Axis; AXES], machine: &Machine) -> Vec<Constant> {
-    let machine = Machine { order: *order, ..machine.clone() };
+/// Those of some constants that depend on the ones before them at this machine; empty where all can be told apart.
+pub fn dependent(constants: &[Constant], machine: &Machine) -> Vec<Constant> {
     let poses = poses();
-    let all = Constant::all(order);
     let mut kept: Vec<Constant> = Vec::new();
     let mut dependent = Vec::new();
-    for constant in all {
-        kept.push(constant);
-        let values =
-            singular_values(&machine, &poses, |at| kept.iter().map(|constant| at.constant(*constant, order)).collect());
-        if rank_of(&values) < kept.len() {
-            dependent.push(constant);
+    for constant in constants {
+        kept.push(*constant);
+        let twists = |at: &Linearised| kept.iter().map(|constant| at.constant(*constant, &machine.order)).collect();
+        if rank_of(&singular_values(machine, &poses, twists)) < kept.len() {
+            dependent.push(*constant);
             kept.pop();
         }
     }

@@ -38,13 +38,20 @@ pub enum ReadError {
 
 /// Largest value, nm, nrad or s.
 const FARTHEST: f64 = 1e15;
+/// The column of times.
+const TIME: &str = "time_s";
 /// Smallest noise that may be stated, nm or nrad.
 const LEAST_NOISE: f64 = 1e-3;
 
 /// Keys that describe a file to people and are not used.
 const NOTES: [&str; 7] = ["instrument", "date", "operator", "note", "temperature", "machine", "made by"];
 const KEYS: &str = "kind, axis, direction, reference, normal, point_um, approach, order, noise_<unit>, \
-                    and for people instrument, date, operator, note, temperature, machine";
+                    and for people instrument, date, operator, note, temperature, machine, made by";
+
+/// True for the name of a file that [`read_directory`] reads.
+pub fn is_measurement(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+}
 
 /// Reads every file of a directory whose name ends in `.csv`, in the order of the names.
 ///
@@ -58,7 +65,7 @@ pub fn read_directory(directory: &Path, order: &[Axis; AXES]) -> Result<Vec<Seri
     let mut paths = Vec::new();
     for entry in std::fs::read_dir(directory).map_err(io(directory))? {
         let path = entry.map_err(io(directory))?.path();
-        if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv")) {
+        if is_measurement(&path) {
             paths.push(path);
         }
     }
@@ -141,9 +148,10 @@ impl Source<'_> {
 
     /// A number times its unit, no larger than any instrument shows.
     fn within(&self, line: u64, what: &str, text: &str, unit: f64) -> Result<f64, ReadError> {
+        let beyond = if what == TIME { "30 million years" } else { "1000 km or 1 Mrad" };
         let value = self.number(line, what, text)? * unit;
         if value.abs() > FARTHEST {
-            return self.refuse(line, format!("{what} = {text}: is beyond 1000 km or 1 Mrad"));
+            return self.refuse(line, format!("{what} = {text}: is beyond {beyond}"));
         }
         Ok(value)
     }
@@ -323,7 +331,7 @@ fn expected(kind: Kind) -> Vec<(String, Column, Option<Quantity>, bool)> {
         }
     }
     if kind != Kind::Squareness {
-        columns.push(("time_s".into(), Column::Time, None, false));
+        columns.push((TIME.into(), Column::Time, None, false));
     }
     for (index, name) in kind.columns().iter().enumerate() {
         columns.push((name.to_string(), Column::Value(index), Some(kind.quantity()), true));
@@ -447,9 +455,11 @@ fn columns(source: &Source, line: u64, header: &csv::StringRecord, kind: Kind) -
     Ok((columns, units.into_iter().flatten().collect()))
 }
 
-fn written((base, _, quantity, _): &(String, Column, Option<Quantity>, bool)) -> String {
+/// A column with the unit in which the documents write it.
+fn written((base, column, quantity, _): &(String, Column, Option<Quantity>, bool)) -> String {
     match quantity {
         None => base.clone(),
+        Some(Quantity::Angle) if matches!(column, Column::Motor(_) | Column::Target) => format!("{base}_deg"),
         Some(Quantity::Length) => format!("{base}_um"),
         Some(Quantity::Angle) => format!("{base}_urad"),
     }

@@ -34,14 +34,22 @@ impl fmt::Display for Identification {
             }
         )?;
         for r in &self.reversals {
+            let (Some(reversal), Some(mean)) = (r.reversal, r.mean_reversal) else {
+                writeln!(
+                    f,
+                    "{}: {} one way, scale {:+.1} ppm from {} targets and {} runs; play held at {:.1} {}",
+                    r.file, r.axis, r.scale_ppm, r.targets, r.runs, r.backlash, r.unit
+                )?;
+                continue;
+            };
             writeln!(
                 f,
                 "{}: {} reversal value B {:.1} {u}, mean {:+.1} {u} (ISO 230-2); play {:.1} +- {:.1} {u} from {} targets \
                  and {} runs",
                 r.file,
                 r.axis,
-                r.reversal,
-                r.mean_reversal,
+                reversal,
+                mean,
                 r.backlash,
                 r.sigma,
                 r.targets,
@@ -64,9 +72,10 @@ impl fmt::Display for Identification {
             )?;
         }
         for outlier in &self.outliers {
+            let unit = self.files.iter().find(|file| file.file == outlier.file).map_or("", |file| file.unit);
             writeln!(
                 f,
-                "left out: {}:{}: {} is {:+.1} off, {:.1} standard deviations",
+                "left out: {}:{}: {} is {:+.1} {unit} off, {:.1} standard deviations",
                 outlier.file,
                 outlier.line,
                 outlier.column,

@@ -30,13 +30,14 @@ pub struct Reversal {
     /// nm or nrad.
     pub unit: &'static str,
     /// Mean reversal value of the axis by ISO 230-2: mean over the targets of (mean up - mean down). Play makes it
-    /// negative: approached upwards the stage stays behind.
-    pub mean_reversal: f64,
-    /// Reversal value B of the axis by ISO 230-2: the largest |mean up - mean down| of a target.
-    pub reversal: f64,
-    /// The play from the least squares of all runs, with drift where the file has times.
+    /// negative: approached upwards the stage stays behind. None where runs go one way and the play is held.
+    pub mean_reversal: Option<f64>,
+    /// Reversal value B of the axis by ISO 230-2: the largest |mean up - mean down| of a target; none as above.
+    pub reversal: Option<f64>,
+    /// The play from the least squares of all runs, with drift where the file has times; of runs that go one way the
+    /// held value.
     pub backlash: f64,
-    /// Its standard uncertainty.
+    /// Its standard uncertainty; infinite (in JSON null) where the runs go one way.
     pub sigma: f64,
     /// Drift of the reading per hour; none without times.
     pub drift_per_hour: Option<f64>,
@@ -116,11 +117,12 @@ pub struct Identification {
     pub estimates: Vec<Estimate>,
     /// Covariance of the estimates in their order and units; rows and columns of held ones are 0.
     pub covariance: Vec<Vec<f64>>,
-    /// Numerical rank of the normalised Jacobian of all that was fitted, and how much that is.
+    /// Numerical rank of the normalised Jacobian of all that was fitted.
     pub rank: usize,
     /// Unknowns of the fit: constants, backlash, and what belongs to single files.
     pub unknowns: usize,
-    /// Ratio of the largest singular value of the normalised Jacobian to the smallest that counts for the rank.
+    /// Ratio of the largest singular value of the normalised Jacobian to the smallest that counts for the rank,
+    /// without the zeros of diagonal lines.
     pub condition: f64,
     /// Rows of all files.
     pub readings: usize,

@@ -1,10 +1,12 @@
 //! Play of an axis from bidirectional runs, ISO 230-2: reversal value and its uncertainty.
 
+use super::constants::backlash_name;
 use super::outliers::{huber, threshold};
 use super::per_target::PerTarget;
-use super::result::{Outlier, Residual, Reversal};
+use super::result::{Identification, Outlier, Residual, Reversal};
 use super::series::{Kind, Reading, Series};
 use super::suspicions::hopeless;
+use super::units::HOUR;
 use super::weights::{MEDIAN_SIZE, MOST_REJECTED};
 use super::{Options, Refusal};
 
@@ -14,7 +16,6 @@ const TARGETS: usize = 3;
 const SAME: f64 = 1.0;
 /// Most rounds in which the readings are weighted before the noise stated is believed.
 const HUBER_ROUNDS: usize = 30;
-const HOUR: f64 = 3600.0;
 
 /// What a file of runs tells.
 pub(super) struct Runs {
@@ -27,8 +28,9 @@ pub(super) struct Runs {
     pub doubted: bool,
 }
 
-/// Fits deviation = mean of the target + play on the way down + drift. `index`: of the file, for its residuals.
-pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Result<Runs, Refusal> {
+/// Fits deviation = mean of the target + play on the way down + drift. `index`: of the file, for its residuals; `held`:
+/// the play (nm or nrad) where that is not fitted: then the runs may go one way.
+pub(super) fn reversal(series: &Series, index: usize, options: &Options, held: Option<f64>) -> Result<Runs, Refusal> {
     let Kind::Positioning(axis) = series.kind else { unreachable!("only of positioning runs") };
     let targets = targets(series, axis.index());
     let place = |reading: &Reading| targets.partition_point(|t| *t < reading.motors[axis.index()] - SAME);
@@ -36,20 +38,26 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
     let mut reached = vec![[false; 2]; targets.len()];
     series.readings.iter().zip(&places).for_each(|(reading, t)| reached[*t][usize::from(reading.down)] = true);
     let both = reached.iter().filter(|ways| **ways == [true; 2]).count();
-    if both < TARGETS {
+    let one_way = held.filter(|_| both < TARGETS && targets.len() >= TARGETS);
+    if both < TARGETS && one_way.is_none() {
         let reason = format!(
             "too few points: {both} targets are reached both upwards and downwards, at least {TARGETS} are needed \
-             (ISO 230-2 asks for 5, and 5 runs)"
+             (ISO 230-2 asks for 5, and 5 runs); runs one way tell the scale alone: --hold {} for them",
+            backlash_name(axis)
         );
         return Err(Refusal::line(series, series.readings[0].line, reason));
     }
     let drift = options.drift && series.shows_drift();
+    let deviation = |reading: &Reading| {
+        let play = one_way.filter(|_| reading.down).unwrap_or(0.0);
+        reading.values[0] - reading.motors[axis.index()] - play
+    };
     let system = PerTarget {
         targets: targets.len(),
         place: places,
-        down: series.readings.iter().map(|reading| if reading.down { 1.0 } else { 0.0 }).collect(),
+        down: series.readings.iter().map(|r| if r.down && one_way.is_none() { 1.0 } else { 0.0 }).collect(),
         hours: drift.then(|| series.readings.iter().map(|reading| reading.time_s / HOUR).collect()),
-        deviation: series.readings.iter().map(|reading| reading.values[0] - reading.motors[axis.index()]).collect(),
+        deviation: series.readings.iter().map(deviation).collect(),
     };
     let unknowns = system.unknowns();
     let mut kept = vec![true; series.readings.len()];
@@ -61,8 +69,9 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
         let enough = count > unknowns || (count == unknowns && series.noise.is_some());
         let Some(solved) = system.solve(&weights).filter(|_| enough) else {
             let reason = format!(
-                "too few points: {count} readings for {unknowns} unknowns (a mean for each target, the play{}); \
+                "too few points: {count} readings for {unknowns} unknowns (a mean for each target{}{}); \
                  measure more runs",
+                if one_way.is_none() { ", the play" } else { "" },
                 if drift { ", the drift" } else { "" }
             );
             return Err(Refusal::line(series, series.readings[0].line, reason));
@@ -119,9 +128,13 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
             residual: left[k],
             studentised: studentised[k],
         };
-        let (mean_reversal, reversal) = by_definition(&system, &kept);
-        let up = series.readings.iter().filter(|r| !r.down);
-        let runs = up.map(|r| r.run).collect::<std::collections::BTreeSet<_>>().len();
+        let (mean_reversal, reversal) = by_definition(&system, &kept).unzip();
+        let ways = [false, true].map(|down| {
+            let way = series.readings.iter().filter(|reading| reading.down == down);
+            way.map(|reading| reading.run).collect::<std::collections::BTreeSet<_>>().len()
+        });
+        // one way: those of the way there is
+        let runs = if one_way.is_some() { ways[0].max(ways[1]) } else { ways[0] };
         return Ok(Runs {
             reversal: Reversal {
                 axis: axis.name(),
@@ -129,7 +142,7 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
                 unit,
                 mean_reversal,
                 reversal,
-                backlash: solved.play,
+                backlash: one_way.unwrap_or(solved.play),
                 sigma,
                 drift_per_hour: drift.then_some(solved.drift),
                 noise,
@@ -183,8 +196,20 @@ fn targets(series: &Series, motor: usize) -> Vec<f64> {
     all
 }
 
-/// Mean reversal value and reversal value of the axis as ISO 230-2 defines them, over targets with both directions.
-fn by_definition(system: &PerTarget, kept: &[bool]) -> (f64, f64) {
+/// Says of which runs the reversal was not evaluated.
+pub(super) fn warn_of_one_way(result: &mut Identification) {
+    for r in result.reversals.iter().filter(|r| r.reversal.is_none()) {
+        result.warnings.push(format!(
+            "{}: {} comes to its targets from one side only, so there is no reversal value; its play is held at {} {}, \
+             the scale is {:+.1} ppm.",
+            r.file, r.axis, r.backlash, r.unit, r.scale_ppm
+        ));
+    }
+}
+
+/// Mean reversal value and reversal value of the axis as ISO 230-2 defines them, over targets with both directions;
+/// none without such targets.
+fn by_definition(system: &PerTarget, kept: &[bool]) -> Option<(f64, f64)> {
     let mut sums = vec![[(0.0, 0.0); 2]; system.targets];
     for k in (0..kept.len()).filter(|k| kept[*k]) {
         let (count, sum) = &mut sums[system.place[k]][usize::from(system.down[k] > 0.0)];
@@ -194,7 +219,7 @@ fn by_definition(system: &PerTarget, kept: &[bool]) -> (f64, f64) {
     let both = sums.iter().filter(|[up, down]| up.0 > 0.0 && down.0 > 0.0);
     let values: Vec<f64> = both.map(|[up, down]| up.1 / up.0 - down.1 / down.0).collect();
     let largest = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-    (values.iter().sum::<f64>() / values.len().max(1) as f64, largest)
+    (!values.is_empty()).then(|| (values.iter().sum::<f64>() / values.len() as f64, largest))
 }
 
 /// Slope of a straight line through points.

@@ -1,6 +1,10 @@
 //! Units in the names of columns and keys: `measured_um`, `noise_urad`.
 
+use crate::machine::NRAD_PER_DEG;
 use std::f64::consts::PI;
+
+/// s; drifts are counted per hour.
+pub const HOUR: f64 = 3600.0;
 
 /// A length, kept in nm, or an angle, kept in nrad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,8 +54,14 @@ pub const UNITS: [Unit; 9] = [
     Unit { name: "mrad", quantity: Quantity::Angle, size: 1e6 },
     Unit { name: "rad", quantity: Quantity::Angle, size: 1e9 },
     Unit { name: "arcsec", quantity: Quantity::Angle, size: PI / 648_000.0 * 1e9 },
-    Unit { name: "deg", quantity: Quantity::Angle, size: PI / 180.0 * 1e9 },
+    Unit { name: "deg", quantity: Quantity::Angle, size: NRAD_PER_DEG },
 ];
+
+/// A number for a message: to a millionth, without zeros behind.
+pub fn plain(value: f64) -> String {
+    let text = format!("{value:.6}");
+    text.trim_end_matches('0').trim_end_matches('.').to_string()
+}
 
 /// Splits `measured_um` into `measured` and its unit.
 pub fn split(name: &str) -> Option<(&str, Unit)> {

@@ -35,7 +35,8 @@ impl Fit<'_> {
         let mut block = Block::new(self.layout.width);
         let mut across = vec![0.0; root.ncols()];
         for (index, file) in self.fitted() {
-            let observer = Observer::new(&self.layout, &self.state, file, index, self.options.drift);
+            let observer =
+                Observer::new(&self.layout, &self.state, file, index, self.options.drift, &self.weights[index]);
             let touched = self.touched(index);
             for k in 0..file.readings.len() {
                 observer.fill(k, &mut block);
@@ -45,7 +46,8 @@ impl Fit<'_> {
                     for (sum, column) in across.iter_mut().zip(root.column_iter()) {
                         *sum = touched.iter().map(|j| block.rows[c][*j] * column[*j]).sum();
                     }
-                    left.leverage[c] = across.iter().map(|sum| sum * sum).sum::<f64>() / self.noise[index].powi(2);
+                    let shared = across.iter().map(|sum| sum * sum).sum::<f64>() / self.noise[index].powi(2);
+                    left.leverage[c] = shared + block.eliminated;
                 }
                 all[index].push(left);
             }

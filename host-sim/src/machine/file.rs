@@ -10,7 +10,8 @@ use stage_controller::controller::front::{REFERENCE_NM, REFERENCE_NRAD};
 use stage_controller::units::{AXES, Axis, COORDINATE_LIMIT};
 use std::f64::consts::PI;
 
-pub(super) const NRAD_PER_DEG: f64 = PI / 180.0 * 1e9;
+/// nrad in a degree.
+pub const NRAD_PER_DEG: f64 = PI / 180.0 * 1e9;
 /// Widest play in steps that the calibration block takes.
 const LARGEST_BACKLASH_STEPS: f64 = 1_048_576.0;
 /// Largest velocity, acceleration or jerk, nm or nrad per s, s^2, s^3; each has its own smaller limit in the block.
@@ -209,7 +210,8 @@ impl TryFrom<MachineFile> for Machine {
             if um.iter().all(|v| v.abs() <= FARTHEST_UM) {
                 Ok(um.map(|v| v * 1e3))
             } else {
-                Err(MachineError::value(key, format!("{um:?}"), "a position must be a number within +-67000 um"))
+                let reason = format!("a position must be a number within +-{FARTHEST_UM} um");
+                Err(MachineError::value(key, format!("{um:?}"), reason))
             }
         };
         let offsets = &file.axis_offset_um;

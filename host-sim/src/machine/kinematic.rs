@@ -277,11 +277,6 @@ impl Kinematic {
     pub fn at(&self, axis: Axis, position: f64) -> [f64; 6] {
         self.functions[axis.index()].each_ref().map(|f| f.value(position))
     }
-
-    /// True when no error is given.
-    pub fn is_absent(&self) -> bool {
-        self.functions.as_flattened().iter().all(Function::is_absent)
-    }
 }
 
 macro_rules! six_errors {

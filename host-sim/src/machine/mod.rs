@@ -7,7 +7,7 @@ mod file;
 mod kinematic;
 mod write;
 
-pub use file::{FARTHEST_UM, MachineFile};
+pub use file::{FARTHEST_UM, MachineFile, NRAD_PER_DEG};
 pub use kinematic::{Component, ErrorName, Function, Kinematic, LARGEST_KINEMATIC_UM};
 pub use write::{to_toml, to_toml_with};
 

@@ -2,21 +2,20 @@
 
 use super::Settings;
 use super::instrument::Noise;
+use crate::identify::units::HOUR;
 use crate::identify::{Behind, Constant, Kind, Walk};
-use crate::machine::{Kinematic, Machine};
+use crate::machine::{Kinematic, Machine, NRAD_PER_DEG};
 use crate::model::{Chain, Truth, exp};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::Serialize;
 use stage_controller::units::{AXES, Axis};
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;
 
-const NRAD_PER_DEG: f64 = PI / 180.0 * 1e9;
 const TARGETS: usize = 11;
 const RUNS: u32 = 5;
 /// From one reading to the next, s.
 const INTERVAL: f64 = 2.0;
-const HOUR: f64 = 3600.0;
 /// How far an autocollimator follows, nrad.
 const AUTOCOLLIMATOR_RANGE: f64 = 5e6;
 

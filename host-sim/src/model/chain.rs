@@ -117,11 +117,17 @@ impl Chain {
     /// Pose of the fibre point for given actuators (nm and nrad, axis order): displacement of F in chip
     /// axes from home in nm, and the logical angles of R(q)·R(0)ᵀ in nrad.
     pub fn true_pose(&self, actuators: [f64; AXES]) -> [f64; AXES] {
+        let (rotation, origin) = self.array(actuators);
+        let moved = origin + rotation * self.fibre - self.fibre_home();
+        let angles = self.euler.decompose(&(rotation * self.home_rotation.transpose()));
+        [moved.x, moved.y, moved.z, angles[0] * 1e9, angles[1] * 1e9, angles[2] * 1e9]
+    }
+
+    /// The fibre array frame for given actuators (nm and nrad, axis order): orientation and origin (nm) in chip axes.
+    pub fn array(&self, actuators: [f64; AXES]) -> (Matrix3<f64>, Vector3<f64>) {
         let [x, y, z, a, b, g] = actuators;
         let at = self.place([x, y, z], [a * 1e-9, b * 1e-9, g * 1e-9]);
-        let moved = at.origin + at.rotation * self.fibre - self.fibre_home();
-        let angles = self.euler.decompose(&(at.rotation * self.home_rotation.transpose()));
-        [moved.x, moved.y, moved.z, angles[0] * 1e9, angles[1] * 1e9, angles[2] * 1e9]
+        (at.rotation, at.origin)
     }
 
     /// Actuators (nm and nrad) that bring F to a pose (nm and nrad): docs/LAW.md 2 solved to the

@@ -1,7 +1,7 @@
 //! Rotations: the exponential of a vector, the small rotation vector of a matrix, logical angles.
 
 use nalgebra::{Matrix3, Vector3};
-use stage_controller::units::Axis;
+use stage_controller::units::{AXES, Axis};
 
 /// Rotation by the vector `v` (radians, right-handed): Rodrigues with 2 sin²(θ/2) for 1 − cos θ.
 pub fn exp(v: Vector3<f64>) -> Matrix3<f64> {
@@ -43,6 +43,11 @@ impl Euler {
     /// Orientation R* of the logical angles (alpha, beta, gamma) in radians.
     pub fn compose(&self, angles: [f64; 3]) -> Matrix3<f64> {
         self.sequence.iter().fold(Matrix3::identity(), |r, &i| r * exp(Vector3::ith(i, angles[i])))
+    }
+
+    /// Orientation R* of a pose, nm and nrad in axis order.
+    pub fn of_pose(&self, pose: &[f64; AXES]) -> Matrix3<f64> {
+        self.compose([pose[3], pose[4], pose[5]].map(|angle| angle * 1e-9))
     }
 
     /// Logical angles (alpha, beta, gamma) in radians of an orientation; the middle one within ±90°.

@@ -3,6 +3,7 @@
 use super::number::{Spread, figure};
 use super::page::{Section, caption};
 use super::plot::{Scale, dot, drawing, line, rectangle, text};
+use crate::calibrate::Q32;
 use crate::calibrate::{Fit, Law, Report, angular_travel, fit, inverse_axes};
 use crate::machine::Machine;
 use crate::model::{Chain, vee};
@@ -14,7 +15,6 @@ use stage_controller::units::{AXES, Axis, FinePose};
 
 /// Points along each of the six travels at which the law is compared: 4096 poses.
 const POINTS: usize = 4;
-const Q32: f64 = 4_294_967_296.0;
 
 /// One motor's part.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -134,7 +134,7 @@ fn stages(machine: &Machine, chain: &Chain, exact: &Law, calibration: &Calibrati
         ];
         let mut note = |n: usize, from: [f64; AXES], to: [f64; AXES]| {
             position[n].push((0..3).map(|i| (to[i] - from[i]).powi(2)).sum::<f64>().sqrt());
-            let rotation = |u: [f64; AXES]| chain.euler().compose([u[3] * 1e-9, u[4] * 1e-9, u[5] * 1e-9]);
+            let rotation = |u: [f64; AXES]| chain.euler().of_pose(&u);
             turned[n].push(vee(&(rotation(to) * rotation(from).transpose())).norm() * 1e6);
         };
         (0..4).for_each(|n| note(n, truths[n], truths[n + 1]));

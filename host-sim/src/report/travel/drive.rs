@@ -1,5 +1,6 @@
 //! Controller and stage from stop to stop: fixed-point law, reversal rule, overlay; play and all errors of the stage.
 
+use crate::calibrate::Q32;
 use crate::machine::Machine;
 use crate::model::{Euler, vee};
 use crate::twin::Mechanics;
@@ -11,7 +12,6 @@ use stage_controller::units::{AXES, FinePose, MotorSteps};
 
 /// Points at which a move between two stops is looked at for motors that turn.
 const POINTS: usize = 64;
-const Q32: f64 = 4_294_967_296.0;
 
 /// Which part of the compensation is on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -117,8 +117,8 @@ impl Stage {
     fn miss(&self) -> Miss {
         let truth = self.true_pose();
         let position_nm = (0..3).map(|i| (truth[i] - self.pose[i]).powi(2)).sum::<f64>().sqrt();
-        let rotation = |u: [f64; AXES]| self.euler.compose([u[3] * 1e-9, u[4] * 1e-9, u[5] * 1e-9]);
-        let orientation_rad = vee(&(rotation(truth) * rotation(self.pose).transpose())).norm();
+        let turned = self.euler.of_pose(&truth) * self.euler.of_pose(&self.pose).transpose();
+        let orientation_rad = vee(&turned).norm();
         Miss { position_nm, orientation_rad }
     }
 }

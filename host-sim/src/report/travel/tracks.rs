@@ -1,6 +1,7 @@
 //! The moves along which compensation is judged: through the whole travel, and the small ones of an alignment.
 
 use super::drive::Mode;
+use crate::calibrate::Q32;
 use crate::machine::Machine;
 use serde::Serialize;
 use stage_controller::compensation::calibration::Calibration;
@@ -16,7 +17,6 @@ const SCAN: f64 = 2_000.0;
 /// Where home is at the end of a travel, an axis that does not move stands so much of the travel inside: a coupled
 /// motor needs room.
 const INSIDE: f64 = 0.05;
-const Q32: f64 = 4_294_967_296.0;
 
 /// What a track looks like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
