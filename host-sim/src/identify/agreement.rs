@@ -56,7 +56,13 @@ fn compare(axis: Axis, a: &Told, b: &Told) -> Result<Option<String>, Refusal> {
 
 impl Fit<'_> {
     /// Compares files of runs with one another and with all other files; gives warnings.
-    pub(super) fn agreement(&self, runs: &[Option<Runs>], covariance: &DMatrix<f64>) -> Result<Vec<String>, Refusal> {
+    /// `alone`: covariance by noise, with which the sources are weighted; `whole`: what is believed of the result.
+    pub(super) fn agreement(
+        &self,
+        runs: &[Option<Runs>],
+        alone: &DMatrix<f64>,
+        whole: &DMatrix<f64>,
+    ) -> Result<Vec<String>, Refusal> {
         let mut warnings = Vec::new();
         for axis in Axis::ALL {
             let of_axis: Vec<&Reversal> =
@@ -70,7 +76,7 @@ impl Fit<'_> {
             // all runs together, and what the fit knows beyond them
             let weight: f64 = of_axis.iter().map(|r| Told::runs(r).sigma.powi(-2)).sum();
             let value = of_axis.iter().map(|r| r.backlash * Told::runs(r).sigma.powi(-2)).sum::<f64>() / weight;
-            let rest = covariance[(column, column)].recip() - weight;
+            let rest = alone[(column, column)].recip() - weight;
             if rest.is_nan() || rest < LEAST_SHARE * weight {
                 continue;
             }
@@ -79,7 +85,9 @@ impl Fit<'_> {
             let files: Vec<&str> = of_axis.iter().map(|r| r.file.as_str()).collect();
             let together = Told { by: &files.join(" with "), value, sigma: weight.sqrt().recip() };
             let by = self.tell_play(axis).join(" with ");
-            let others = Told { by: &by, value: others, sigma: rest.sqrt().recip() };
+            // what position-dependent errors add is all of the others': the runs take means of each target
+            let added = (whole[(column, column)] - alone[(column, column)]).max(0.0).sqrt() * (rest + weight) / rest;
+            let others = Told { by: &by, value: others, sigma: rest.sqrt().recip().hypot(added) };
             warnings.extend(compare(axis, &together, &others)?);
         }
         Ok(warnings)

@@ -24,17 +24,21 @@ impl Fit<'_> {
         runs: Vec<Option<Runs>>,
     ) -> Result<Identification, Refusal> {
         let solution = self.solution.as_ref().expect("the fit has converged");
-        let covariance = solution.covariance();
-        let vague = |column: usize, share: f64| {
+        let alone = solution.covariance();
+        let widening = self.widening(&alone);
+        let covariance = widening.as_ref().map_or_else(|| alone.clone(), |widening| &alone + &widening.added);
+        let vague_of = |covariance: &DMatrix<f64>, column: usize, share: f64| {
             let constant = self.layout.constant_columns.iter().position(|c| *c == Some(column));
             let limit = constant.map(|i| if self.layout.constants[i].is_angle() { VAGUE_ANGLE } else { VAGUE_LENGTH });
             limit.is_some_and(|limit| covariance[(column, column)].sqrt() > share * limit)
         };
-        self.refuse(&solution.null_space(), |column| vague(column, 1.0))?;
+        self.refuse(&solution.null_space(), |column| vague_of(&alone, column, 1.0))?;
         let columns: Vec<Option<usize>> =
             self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
         let mut machine = gauge.start.clone();
-        let mut warnings = self.agreement(&runs, &covariance)?;
+        let mut warnings: Vec<String> =
+            widening.iter().flat_map(|widening| &widening.warnings).map(|(_, warning)| warning.clone()).collect();
+        warnings.extend(self.agreement(&runs, &alone, &covariance)?);
         let mut estimates = Vec::new();
         for (i, column) in columns.iter().enumerate() {
             let constant = self.layout.constants.get(i).copied();
@@ -52,7 +56,7 @@ impl Fit<'_> {
             let sigma = column.map_or(0.0, |column| covariance[(column, column)].sqrt()) / per_unit;
             let value = if column.is_some() { of(&self.state.machine) / per_unit } else { of(&machine) / per_unit };
             if let Some(column) = column {
-                if vague(*column, 0.1) {
+                if vague_of(&covariance, *column, 0.1) {
                     warnings.push(format!(
                         "{name} is only known to {sigma:.2e} {unit}: these measurements hardly show it."
                     ));
@@ -127,12 +131,18 @@ impl Fit<'_> {
             warnings,
             machine,
         };
-        self.files(&mut result, runs, &covariance);
+        self.files(&mut result, runs, &covariance, widening.is_some());
         Ok(result)
     }
 
     /// Residuals, outliers and sums, file by file.
-    fn files(&self, result: &mut Identification, runs: Vec<Option<Runs>>, covariance: &DMatrix<f64>) {
+    fn files(
+        &self,
+        result: &mut Identification,
+        runs: Vec<Option<Runs>>,
+        covariance: &DMatrix<f64>,
+        widened: bool,
+    ) {
         let left = self.left(&self.root());
         let (mut chi_square, mut counted, mut run_dof) = (0.0, 0, 0);
         for (index, (file, runs)) in self.series.iter().zip(runs).enumerate() {
@@ -200,10 +210,15 @@ impl Fit<'_> {
             result.probability = distribution.sf(chi_square);
         }
         if result.probability < 1e-3 {
+            let then = if widened {
+                "the uncertainties are widened for those that depend on positions."
+            } else {
+                "the uncertainties are then too small as well."
+            };
             result.warnings.push(format!(
                 "The residuals are larger than the stated noise (chi-square {chi_square:.0} at {dof} degrees of \
                  freedom): the stage has errors that the constants do not describe, or the noise is stated too small; \
-                 the uncertainties are then too small as well."
+                 {then}"
             ));
         }
         for (index, file) in self.series.iter().enumerate() {

@@ -17,6 +17,7 @@ mod outliers;
 mod per_target;
 mod play;
 pub mod plots;
+mod position_errors;
 mod rank;
 mod read;
 mod report;
@@ -26,6 +27,7 @@ mod series;
 mod undetermined;
 pub mod units;
 mod weights;
+mod widen;
 
 pub use constants::{CONSTANTS, Constant, backlash_name};
 pub use fit::identify;

@@ -3,6 +3,7 @@
 use super::constants::{CONSTANTS, Constant};
 use super::jacobian::{Linearised, Twist};
 use super::play::{Behind, actuators};
+use super::position_errors::PositionErrors;
 use super::series::{Kind, Reading, Series};
 use crate::machine::Machine;
 use crate::model::{Chain, exp, vee};
@@ -117,6 +118,7 @@ pub struct Observer<'a> {
     chain: Chain,
     behind: Vec<Behind>,
     lines: Vec<u32>,
+    beyond: Option<&'a PositionErrors>,
 }
 
 impl<'a> Observer<'a> {
@@ -133,7 +135,13 @@ impl<'a> Observer<'a> {
             chain: Chain::new(&state.machine),
             behind: actuators(series, play),
             lines: lines(series),
+            beyond: None,
         }
+    }
+
+    /// Fills columns of position-dependent errors too.
+    pub(super) fn with_position_errors(self, errors: &'a PositionErrors) -> Self {
+        Observer { beyond: Some(errors), ..self }
     }
 
     fn place(&self, k: usize, point: [f64; 3]) -> Place {
@@ -158,6 +166,9 @@ impl<'a> Observer<'a> {
             if let Some(column) = column.filter(|_| share != 0.0) {
                 use_it(column, at.actuator(axis));
             }
+        }
+        if let Some(errors) = self.beyond {
+            errors.each_twist(at, &self.layout.order, &self.behind[k].actuators, use_it);
         }
     }
 
