@@ -21,11 +21,14 @@ struct Told<'a> {
     by: &'a str,
     value: f64,
     sigma: f64,
+    /// How far the targets of runs are apart: a play that depends on the position is no contradiction.
+    spread: f64,
 }
 
 impl<'a> Told<'a> {
     fn runs(reversal: &'a Reversal) -> Self {
-        Told { by: &reversal.file, value: reversal.backlash, sigma: reversal.sigma.max(LEAST_NOISE) }
+        let spread = reversal.of_targets[1] - reversal.of_targets[0];
+        Told { by: &reversal.file, value: reversal.backlash, sigma: reversal.sigma.max(LEAST_NOISE), spread }
     }
 }
 
@@ -46,6 +49,13 @@ fn compare(axis: Axis, a: &Told, b: &Told) -> Result<Option<String>, Refusal> {
         b.value,
         b.sigma
     );
+    let spread = a.spread.max(b.spread);
+    if pull > CONTRADICTORY && (a.value - b.value).abs() <= spread {
+        return Ok(Some(format!(
+            "{sentence}, but single targets of the runs differ by {spread:.1} {unit}: the play depends on the position; \
+             what is written lies between them, and its uncertainty is too small."
+        )));
+    }
     if pull > CONTRADICTORY {
         let advice = "no common value: leave out the file that was measured in another state of the stage, or look at \
                       its directions, approach and noise";
@@ -83,11 +93,12 @@ impl Fit<'_> {
             let fitted = self.state.machine.drives[axis.index()].backlash;
             let others = value + (fitted - value) * (rest + weight) / rest;
             let files: Vec<&str> = of_axis.iter().map(|r| r.file.as_str()).collect();
-            let together = Told { by: &files.join(" with "), value, sigma: weight.sqrt().recip() };
+            let spread = of_axis.iter().map(|r| Told::runs(r).spread).fold(0.0, f64::max);
+            let together = Told { by: &files.join(" with "), value, sigma: weight.sqrt().recip(), spread };
             let by = self.tell_play(axis).join(" with ");
             // what position-dependent errors add is all of the others': the runs take means of each target
             let added = (whole[(column, column)] - alone[(column, column)]).max(0.0).sqrt() * (rest + weight) / rest;
-            let others = Told { by: &by, value: others, sigma: rest.sqrt().recip().hypot(added) };
+            let others = Told { by: &by, value: others, sigma: rest.sqrt().recip().hypot(added), spread: 0.0 };
             warnings.extend(compare(axis, &together, &others)?);
         }
         Ok(warnings)

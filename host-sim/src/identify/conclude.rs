@@ -24,7 +24,8 @@ impl Fit<'_> {
         runs: Vec<Option<Runs>>,
     ) -> Result<Identification, Refusal> {
         let solution = self.solution.as_ref().expect("the fit has converged");
-        let alone = solution.covariance();
+        let student = self.student();
+        let alone = self.with_student(solution.covariance(), &student);
         let widening = self.widening(&alone);
         let covariance = widening.as_ref().map_or_else(|| alone.clone(), |widening| &alone + &widening.added);
         let vague_of = |covariance: &DMatrix<f64>, column: usize, share: f64| {
@@ -36,8 +37,7 @@ impl Fit<'_> {
         let columns: Vec<Option<usize>> =
             self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
         let mut machine = gauge.start.clone();
-        let mut warnings: Vec<String> =
-            widening.iter().flat_map(|widening| &widening.warnings).map(|(_, warning)| warning.clone()).collect();
+        let mut warnings: Vec<String> = widening.iter().flat_map(|widening| widening.warnings.clone()).collect();
         warnings.extend(self.agreement(&runs, &alone, &covariance)?);
         let mut estimates = Vec::new();
         for (i, column) in columns.iter().enumerate() {
@@ -131,7 +131,7 @@ impl Fit<'_> {
             warnings,
             machine,
         };
-        self.files(&mut result, runs, &covariance, widening.is_some());
+        self.files(&mut result, runs, &covariance, &student, widening.is_some());
         Ok(result)
     }
 
@@ -141,6 +141,7 @@ impl Fit<'_> {
         result: &mut Identification,
         runs: Vec<Option<Runs>>,
         covariance: &DMatrix<f64>,
+        student: &[Option<(f64, f64)>],
         widened: bool,
     ) {
         let left = self.left(&self.root());
@@ -194,6 +195,8 @@ impl Fit<'_> {
                 noise,
                 unit: file.kind.quantity().unit(),
                 noise_stated: file.noise.is_some() && !self.estimated[index],
+                noise_freedom: student[index].map(|(freedom, _)| freedom),
+                student_factor: student[index].map_or(1.0, |(_, factor)| factor),
                 rms: (squares / count.max(1) as f64).sqrt(),
                 nuisances: own.collect(),
             });

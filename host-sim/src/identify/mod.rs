@@ -9,6 +9,7 @@ mod checks;
 mod conclude;
 mod constants;
 mod fit;
+mod freedom;
 mod gauge;
 mod jacobian;
 mod least_squares;
@@ -28,6 +29,7 @@ mod undetermined;
 pub mod units;
 mod weights;
 mod widen;
+mod wild;
 
 pub use constants::{CONSTANTS, Constant, backlash_name};
 pub use fit::identify;

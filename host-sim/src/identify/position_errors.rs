@@ -66,7 +66,8 @@ impl PositionErrors {
         mut use_it: impl FnMut(usize, Twist),
     ) {
         let interfaces = at.interfaces();
-        let mut frames = [[Twist { turn: Vector3::zeros(), about: Vector3::zeros(), shift: Vector3::zeros() }; 6]; AXES];
+        let mut frames =
+            [[Twist { turn: Vector3::zeros(), about: Vector3::zeros(), shift: Vector3::zeros() }; 6]; AXES];
         let mut values = [[0.0; DEGREES]; AXES];
         for (k, axis) in order.iter().enumerate() {
             let i = axis.index();

@@ -34,6 +34,9 @@ pub struct Reversal {
     pub mean_reversal: f64,
     /// Reversal value B of the axis by ISO 230-2: the largest |mean up - mean down| of a target.
     pub reversal: f64,
+    /// Smallest and largest play that a single target shows, mean down less mean up: a play that depends on the
+    /// position, and noise.
+    pub of_targets: [f64; 2],
     /// The play from the least squares of all runs, with drift where the file has times.
     pub backlash: f64,
     /// Its standard uncertainty.
@@ -67,6 +70,10 @@ pub struct FileSummary {
     pub unit: &'static str,
     /// False when the noise was estimated from the residuals.
     pub noise_stated: bool,
+    /// Degrees of freedom that tell the noise of a file that does not state it; none for bidirectional runs.
+    pub noise_freedom: Option<f64>,
+    /// By how much its share of the uncertainties is larger than with that noise stated (Student); else 1.
+    pub student_factor: f64,
     /// Root mean square of the residuals that count.
     pub rms: f64,
     /// What besides the constants was fitted to this file, nm or nrad (drift: per hour): name, value, sigma.

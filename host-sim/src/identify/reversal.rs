@@ -118,7 +118,7 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
             residual: left[k],
             studentised: studentised[k],
         };
-        let (mean_reversal, reversal) = by_definition(&system, &kept);
+        let (mean_reversal, reversal, of_targets) = by_definition(&system, &kept);
         let up = series.readings.iter().filter(|r| !r.down);
         let runs = up.map(|r| r.run).collect::<std::collections::BTreeSet<_>>().len();
         return Ok(Runs {
@@ -128,6 +128,7 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options) -> Resu
                 unit,
                 mean_reversal,
                 reversal,
+                of_targets,
                 backlash: solved.play,
                 sigma,
                 drift_per_hour: drift.then_some(solved.drift),
@@ -183,7 +184,8 @@ fn targets(series: &Series, motor: usize) -> Vec<f64> {
 }
 
 /// Mean reversal value and reversal value of the axis as ISO 230-2 defines them, over targets with both directions.
-fn by_definition(system: &PerTarget, kept: &[bool]) -> (f64, f64) {
+/// Also the smallest and largest play of a target.
+fn by_definition(system: &PerTarget, kept: &[bool]) -> (f64, f64, [f64; 2]) {
     let mut sums = vec![[(0.0, 0.0); 2]; system.targets];
     for k in (0..kept.len()).filter(|k| kept[*k]) {
         let (count, sum) = &mut sums[system.place[k]][usize::from(system.down[k] > 0.0)];
@@ -193,7 +195,8 @@ fn by_definition(system: &PerTarget, kept: &[bool]) -> (f64, f64) {
     let both = sums.iter().filter(|[up, down]| up.0 > 0.0 && down.0 > 0.0);
     let values: Vec<f64> = both.map(|[up, down]| up.1 / up.0 - down.1 / down.0).collect();
     let largest = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-    (values.iter().sum::<f64>() / values.len().max(1) as f64, largest)
+    let play = values.iter().fold([f64::MAX, f64::MIN], |[low, high], value| [low.min(-value), high.max(-value)]);
+    (values.iter().sum::<f64>() / values.len().max(1) as f64, largest, play)
 }
 
 /// Slope of a straight line through points.

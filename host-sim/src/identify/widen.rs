@@ -27,22 +27,20 @@ const TESTED_ROWS: usize = 2000;
 /// Rows that are added to a product at once.
 const ROWS: usize = 384;
 /// Rounds of expectation maximisation for all stages together, and for each.
-const ROUNDS: [usize; 2] = [30, 60];
+const ROUNDS: [usize; 2] = [15, 40];
 
 /// What position-dependent errors add.
 pub(super) struct Widening {
     /// Covariance to be added to that of the unknowns.
     pub added: DMatrix<f64>,
-    /// Index of the file and its sentence.
-    pub warnings: Vec<(usize, String)>,
+    /// One sentence for each file that shows it.
+    pub warnings: Vec<String>,
 }
 
-/// Products of all columns of a file: its unknowns (as touched), the functions, the residuals.
-struct Products {
-    touched: Vec<usize>,
-    gram: DMatrix<f64>,
-    /// Some of the rows themselves.
-    sample: DMatrix<f64>,
+/// Weighted rows of some readings of a file: columns of its unknowns (as touched), of the functions, the residuals.
+struct Sample {
+    unknowns: usize,
+    rows: DMatrix<f64>,
 }
 
 impl Fit<'_> {
@@ -50,41 +48,38 @@ impl Fit<'_> {
     pub(super) fn widening(&self, covariance: &DMatrix<f64>) -> Option<Widening> {
         let width = self.layout.width;
         let errors = PositionErrors::new(self.fitted().map(|(_, file)| file), width);
-        if errors.shapes.is_empty() {
-            return None;
-        }
-        let extra = errors.shapes.len();
+        let files: Vec<_> = self.fitted().filter(|(_, file)| file.kind != Kind::Squareness).collect();
         let mut warnings = Vec::new();
-        let (mut own, mut cross) = (DMatrix::zeros(extra, extra), DMatrix::zeros(width, extra));
-        let mut right = DVector::zeros(extra);
-        for (index, file) in self.fitted().filter(|(_, file)| file.kind != Kind::Squareness) {
-            let products = self.products(index, &errors);
-            let n = products.touched.len();
-            if let Some(test) = products.test(&errors.shapes) {
-                let axes: Vec<&str> = test.axes.iter().map(|axis| axis.name()).collect();
-                warnings.push((
-                    index,
-                    format!(
-                        "{}: the residuals depend on the positions of {} (F = {:.1} for {} and {} degrees of freedom): \
-                         the stage has position-dependent errors (EXX ... ECC) that the constants do not describe; the \
-                         uncertainties are widened by what such errors can do to the constants.",
-                        file.file,
-                        axes.join(", "),
-                        test.ratio,
-                        test.degrees.0,
-                        test.degrees.1
-                    ),
-                ));
-            }
-            own += products.gram.view((n, n), (extra, extra));
-            for (i, column) in products.touched.iter().enumerate() {
-                let mut row = cross.row_mut(*column);
-                row += products.gram.view((i, n), (1, extra));
-            }
-            right += products.gram.view((n, n + extra), (extra, 1)).column(0);
+        for (index, file) in &files {
+            let Some(found) = self.sample(*index, &errors).test(&errors.shapes) else { continue };
+            let axes: Vec<&str> = found.axes.iter().map(|axis| axis.name()).collect();
+            warnings.push(format!(
+                "{}: the residuals depend on the positions of {} (F = {:.1} for {} and {} degrees of freedom): the stage \
+                 has position-dependent errors (EXX ... ECC) that the constants do not describe; the uncertainties are \
+                 widened by what such errors can do to the constants.",
+                file.file,
+                axes.join(", "),
+                found.ratio,
+                found.degrees.0,
+                found.degrees.1
+            ));
         }
         if warnings.is_empty() {
             return None;
+        }
+        let extra = errors.shapes.len();
+        let (mut own, mut cross) = (DMatrix::zeros(extra, extra), DMatrix::zeros(width, extra));
+        let mut right = DVector::zeros(extra);
+        for (index, _) in files {
+            let touched = self.touched(index);
+            let n = touched.len();
+            let gram = self.products(index, &errors);
+            own += gram.view((n, n), (extra, extra));
+            for (i, column) in touched.iter().enumerate() {
+                let mut row = cross.row_mut(*column);
+                row += gram.view((i, n), (1, extra));
+            }
+            right += gram.view((n, n + extra), (extra, 1)).column(0);
         }
         let sensitivity = covariance * &cross;
         let projected = own - cross.tr_mul(&sensitivity);
@@ -93,46 +88,56 @@ impl Fit<'_> {
         Some(Widening { added: &scaled * scaled.transpose(), warnings })
     }
 
-    fn products(&self, index: usize, errors: &PositionErrors) -> Products {
-        let (width, extra) = (self.layout.width, errors.shapes.len());
+    /// Some rows of a file, as many as the test needs.
+    fn sample(&self, index: usize, errors: &PositionErrors) -> Sample {
         let file = &self.series[index];
-        let touched = self.touched(index);
-        let n = touched.len();
-        let size = n + extra + 1;
+        let stride = (file.readings.len() * file.kind.columns().len()).div_ceil(TESTED_ROWS).max(1);
+        let unknowns = self.touched(index).len();
+        let mut rows = Vec::new();
+        self.each_row(index, errors, stride, |row| rows.extend_from_slice(row));
+        let size = unknowns + errors.shapes.len() + 1;
+        Sample { unknowns, rows: DMatrix::from_row_slice(rows.len() / size, size, &rows) }
+    }
+
+    /// Products of all columns of a file with one another.
+    fn products(&self, index: usize, errors: &PositionErrors) -> DMatrix<f64> {
+        let size = self.touched(index).len() + errors.shapes.len() + 1;
         let mut gram = DMatrix::zeros(size, size);
         let mut rows: DMatrix<f64> = DMatrix::zeros(ROWS, size);
-        let columns = file.kind.columns().len();
-        let stride = (file.readings.len() * columns).div_ceil(TESTED_ROWS).max(1);
-        let mut sample: DMatrix<f64> = DMatrix::zeros(file.readings.len().div_ceil(stride) * columns, size);
-        let (mut filled, mut sampled) = (0, 0);
+        let mut filled = 0;
+        self.each_row(index, errors, 1, |row| {
+            if filled == ROWS {
+                gram.gemm_tr(1.0, &rows, &rows, 1.0);
+                rows.fill(0.0);
+                filled = 0;
+            }
+            rows.row_mut(filled).copy_from_slice(row);
+            filled += 1;
+        });
+        gram.gemm_tr(1.0, &rows, &rows, 1.0);
+        gram
+    }
+
+    /// Calls back with the weighted rows of every so manyth reading that counts.
+    fn each_row(&self, index: usize, errors: &PositionErrors, stride: usize, mut use_it: impl FnMut(&[f64])) {
+        let width = self.layout.width;
+        let file = &self.series[index];
+        let touched = self.touched(index);
         let observer =
             Observer::new(&self.layout, &self.state, file, index, self.options.drift).with_position_errors(errors);
-        let mut block = Block::new(width + extra);
-        for (k, weight) in self.weights[index].iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
+        let mut block = Block::new(width + errors.shapes.len());
+        let mut row = vec![0.0; touched.len() + errors.shapes.len() + 1];
+        let counting = self.weights[index].iter().enumerate().filter(|(_, weight)| **weight > 0.0);
+        for (k, weight) in counting.step_by(stride) {
             observer.fill(k, &mut block);
             let scale = weight.sqrt() / self.noise[index];
-            for c in 0..columns {
-                if filled == ROWS {
-                    gram.gemm_tr(1.0, &rows, &rows, 1.0);
-                    rows.fill(0.0);
-                    filled = 0;
-                }
-                for (i, column) in touched.iter().enumerate() {
-                    rows[(filled, i)] = block.rows[c][*column] * scale;
-                }
-                for j in 0..extra {
-                    rows[(filled, n + j)] = block.rows[c][width + j] * scale;
-                }
-                rows[(filled, n + extra)] = block.residual[c] * scale;
-                if k % stride == 0 {
-                    sample.row_mut(sampled).copy_from(&rows.row(filled));
-                    sampled += 1;
-                }
-                filled += 1;
+            for c in 0..file.kind.columns().len() {
+                let unknowns = touched.iter().map(|column| block.rows[c][*column]);
+                let values = unknowns.chain(block.rows[c][width..].iter().copied()).chain([block.residual[c]]);
+                row.iter_mut().zip(values).for_each(|(to, value)| *to = value * scale);
+                use_it(&row);
             }
         }
-        gram.gemm_tr(1.0, &rows, &rows, 1.0);
-        Products { touched, gram, sample: sample.rows(0, sampled).into_owned() }
     }
 }
 
@@ -146,17 +151,17 @@ struct Dependence {
     axes: Vec<Axis>,
 }
 
-impl Products {
+impl Sample {
     /// F test of the functions beside the unknowns that the file can tell.
     fn test(&self, shapes: &[Shape]) -> Option<Dependence> {
-        let (n, rows) = (self.touched.len(), self.sample.nrows());
+        let (n, rows) = (self.unknowns, self.rows.nrows());
         let tested: Vec<(usize, Shape)> =
             shapes.iter().copied().enumerate().filter(|(_, shape)| shape.degree <= TESTED).collect();
         let mut basis = Basis::new(rows, n + tested.len());
         for j in 0..n {
-            basis.take(self.sample.column(j).into_owned(), NOTHING[0]);
+            basis.take(self.rows.column(j).into_owned(), NOTHING[0]);
         }
-        let mut left: DVector<f64> = self.sample.column(n + shapes.len()).into_owned();
+        let mut left: DVector<f64> = self.rows.column(n + shapes.len()).into_owned();
         for k in 0..basis.taken {
             let along = basis.columns.column(k).dot(&left);
             left.axpy(-along, &basis.columns.column(k), 1.0);
@@ -165,7 +170,7 @@ impl Products {
         let (told, most) = (basis.taken, rows.saturating_sub(basis.taken) / 3);
         let mut gains = [0.0; 6];
         for (j, shape) in tested {
-            if basis.taken - told < most && basis.take(self.sample.column(n + j).into_owned(), NOTHING[1]) {
+            if basis.taken - told < most && basis.take(self.rows.column(n + j).into_owned(), NOTHING[1]) {
                 let along = basis.columns.column(basis.taken - 1).dot(&left);
                 left.axpy(-along, &basis.columns.column(basis.taken - 1), 1.0);
                 gains[shape.axis.index()] += along * along;
