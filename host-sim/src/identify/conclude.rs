@@ -53,7 +53,8 @@ impl Fit<'_> {
                 Some(constant) => constant.of(machine),
                 None => machine.drives[i - CONSTANTS].backlash,
             };
-            let sigma = column.map_or(0.0, |column| covariance[(column, column)].sqrt()) / per_unit;
+            let sigma_of = |from: &DMatrix<f64>| column.map_or(0.0, |column| from[(column, column)].sqrt()) / per_unit;
+            let (sigma, noise_sigma) = (sigma_of(&covariance), sigma_of(&alone));
             let value = if column.is_some() { of(&self.state.machine) / per_unit } else { of(&machine) / per_unit };
             if let Some(column) = column {
                 if vague_of(&covariance, *column, 0.1) {
@@ -74,7 +75,7 @@ impl Fit<'_> {
                 }
             }
             let nominal = of(nominal) / per_unit;
-            estimates.push(Estimate { name, unit, value, sigma, nominal, held: column.is_none() });
+            estimates.push(Estimate { name, unit, value, sigma, noise_sigma, nominal, held: column.is_none() });
         }
         let entry = |i: usize, j: usize| match (columns[i], columns[j]) {
             (Some(a), Some(b)) => {

@@ -14,6 +14,8 @@ pub struct Estimate {
     pub value: f64,
     /// Standard uncertainty (k = 1); 0 for a held value.
     pub sigma: f64,
+    /// The part of it that noise makes; smaller where residuals depend on positions.
+    pub noise_sigma: f64,
     /// What the nominal machine says.
     pub nominal: f64,
     /// True when it was not fitted but held at `nominal`.
