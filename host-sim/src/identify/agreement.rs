@@ -21,11 +21,14 @@ struct Told<'a> {
     by: &'a str,
     value: f64,
     sigma: f64,
+    /// How far the targets of runs are apart: a play that depends on the position is no contradiction.
+    spread: f64,
 }
 
 impl<'a> Told<'a> {
     fn runs(reversal: &'a Reversal) -> Self {
-        Told { by: &reversal.file, value: reversal.backlash, sigma: reversal.sigma.max(LEAST_NOISE) }
+        let spread = reversal.of_targets.map_or(0.0, |[least, most]| most - least);
+        Told { by: &reversal.file, value: reversal.backlash, sigma: reversal.sigma.max(LEAST_NOISE), spread }
     }
 }
 
@@ -46,6 +49,13 @@ fn compare(axis: Axis, a: &Told, b: &Told) -> Result<Option<String>, Refusal> {
         b.value,
         b.sigma
     );
+    let spread = a.spread.max(b.spread);
+    if pull > CONTRADICTORY && (a.value - b.value).abs() <= spread {
+        return Ok(Some(format!(
+            "{sentence}, but single targets of the runs differ by {spread:.1} {unit}: the play depends on the position; \
+             what is written lies between them, and its uncertainty is too small."
+        )));
+    }
     if pull > CONTRADICTORY {
         let advice = "no common value: leave out the file that was measured in another state of the stage, or look at \
                       its directions, approach and noise";
@@ -56,7 +66,13 @@ fn compare(axis: Axis, a: &Told, b: &Told) -> Result<Option<String>, Refusal> {
 
 impl Fit<'_> {
     /// Compares files of runs with one another and with all other files; gives warnings.
-    pub(super) fn agreement(&self, runs: &[Option<Runs>], covariance: &DMatrix<f64>) -> Result<Vec<String>, Refusal> {
+    /// `alone`: covariance by noise, with which the sources are weighted; `whole`: what is believed of the result.
+    pub(super) fn agreement(
+        &self,
+        runs: &[Option<Runs>],
+        alone: &DMatrix<f64>,
+        whole: &DMatrix<f64>,
+    ) -> Result<Vec<String>, Refusal> {
         let mut warnings = Vec::new();
         for axis in Axis::ALL {
             let of_axis: Vec<&Reversal> =
@@ -70,16 +86,19 @@ impl Fit<'_> {
             // all runs together, and what the fit knows beyond them
             let weight: f64 = of_axis.iter().map(|r| Told::runs(r).sigma.powi(-2)).sum();
             let value = of_axis.iter().map(|r| r.backlash * Told::runs(r).sigma.powi(-2)).sum::<f64>() / weight;
-            let rest = covariance[(column, column)].recip() - weight;
+            let rest = alone[(column, column)].recip() - weight;
             if rest.is_nan() || rest < LEAST_SHARE * weight {
                 continue;
             }
             let fitted = self.state.machine.drives[axis.index()].backlash;
             let others = value + (fitted - value) * (rest + weight) / rest;
             let files: Vec<&str> = of_axis.iter().map(|r| r.file.as_str()).collect();
-            let together = Told { by: &files.join(" with "), value, sigma: weight.sqrt().recip() };
+            let spread = of_axis.iter().map(|r| Told::runs(r).spread).fold(0.0, f64::max);
+            let together = Told { by: &files.join(" with "), value, sigma: weight.sqrt().recip(), spread };
             let by = self.tell_play(axis).join(" with ");
-            let others = Told { by: &by, value: others, sigma: rest.sqrt().recip() };
+            // what position-dependent errors add is all of the others': the runs take means of each target
+            let added = (whole[(column, column)] - alone[(column, column)]).max(0.0).sqrt() * (rest + weight) / rest;
+            let others = Told { by: &by, value: others, sigma: rest.sqrt().recip().hypot(added), spread: 0.0 };
             warnings.extend(compare(axis, &together, &others)?);
         }
         Ok(warnings)

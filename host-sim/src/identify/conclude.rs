@@ -24,17 +24,21 @@ impl Fit<'_> {
         runs: Vec<Option<Runs>>,
     ) -> Result<Identification, Refusal> {
         let solution = self.solution.as_ref().expect("the fit has converged");
-        let covariance = solution.covariance();
-        let vague = |column: usize, share: f64| {
+        let student = self.student();
+        let alone = self.with_student(solution.covariance(), &student);
+        let widening = self.widening(&alone);
+        let covariance = widening.as_ref().map_or_else(|| alone.clone(), |widening| &alone + &widening.added);
+        let vague_of = |covariance: &DMatrix<f64>, column: usize, share: f64| {
             let constant = self.layout.constant_columns.iter().position(|c| *c == Some(column));
             let limit = constant.map(|i| if self.layout.constants[i].is_angle() { VAGUE_ANGLE } else { VAGUE_LENGTH });
             limit.is_some_and(|limit| covariance[(column, column)].sqrt() > share * limit)
         };
-        self.refuse(&solution.null_space(), |column| vague(column, 1.0))?;
+        self.refuse(&solution.null_space(), |column| vague_of(&alone, column, 1.0))?;
         let columns: Vec<Option<usize>> =
             self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
         let mut machine = gauge.start.clone();
-        let mut warnings = self.agreement(&runs, &covariance)?;
+        let mut warnings: Vec<String> = widening.iter().flat_map(|widening| widening.warnings.clone()).collect();
+        warnings.extend(self.agreement(&runs, &alone, &covariance)?);
         let mut estimates = Vec::new();
         for (i, column) in columns.iter().enumerate() {
             let constant = self.layout.constants.get(i).copied();
@@ -49,10 +53,11 @@ impl Fit<'_> {
                 Some(constant) => constant.of(machine),
                 None => machine.drives[i - CONSTANTS].backlash,
             };
-            let sigma = column.map_or(0.0, |column| covariance[(column, column)].sqrt()) / per_unit;
+            let sigma_of = |from: &DMatrix<f64>| column.map_or(0.0, |column| from[(column, column)].sqrt()) / per_unit;
+            let (sigma, noise_sigma) = (sigma_of(&covariance), sigma_of(&alone));
             let value = if column.is_some() { of(&self.state.machine) / per_unit } else { of(&machine) / per_unit };
             if let Some(column) = column {
-                if vague(*column, 0.1) {
+                if vague_of(&covariance, *column, 0.1) {
                     warnings.push(format!(
                         "{name} is only known to {sigma:.2e} {unit}: these measurements hardly show it."
                     ));
@@ -70,7 +75,7 @@ impl Fit<'_> {
                 }
             }
             let nominal = of(nominal) / per_unit;
-            estimates.push(Estimate { name, unit, value, sigma, nominal, held: column.is_none() });
+            estimates.push(Estimate { name, unit, value, sigma, noise_sigma, nominal, held: column.is_none() });
         }
         let entry = |i: usize, j: usize| match (columns[i], columns[j]) {
             (Some(a), Some(b)) => {
@@ -128,12 +133,19 @@ impl Fit<'_> {
             warnings,
             machine,
         };
-        self.files(&mut result, runs, &covariance);
+        self.files(&mut result, runs, &covariance, &student, widening.is_some());
         Ok(result)
     }
 
     /// Residuals, outliers and sums, file by file.
-    fn files(&self, result: &mut Identification, runs: Vec<Option<Runs>>, covariance: &DMatrix<f64>) {
+    fn files(
+        &self,
+        result: &mut Identification,
+        runs: Vec<Option<Runs>>,
+        covariance: &DMatrix<f64>,
+        student: &[Option<(f64, f64)>],
+        widened: bool,
+    ) {
         let left = self.left(&self.root());
         let (mut chi_square, mut counted, mut run_dof) = (0.0, 0, 0);
         for (index, (file, runs)) in self.series.iter().zip(runs).enumerate() {
@@ -185,6 +197,8 @@ impl Fit<'_> {
                 noise,
                 unit: file.kind.quantity().unit(),
                 noise_stated: file.noise.is_some() && !self.estimated[index],
+                noise_freedom: student[index].map(|(freedom, _)| freedom),
+                student_factor: student[index].map_or(1.0, |(_, factor)| factor),
                 rms: (squares / count.max(1) as f64).sqrt(),
                 nuisances: self.zeros(index, covariance).into_iter().chain(own).collect(),
             });
@@ -202,10 +216,15 @@ impl Fit<'_> {
         let probability = ChiSquared::new(dof as f64).map_or(1.0, |distribution| distribution.sf(chi_square));
         result.probability = result.noise_from_residuals.is_empty().then_some(probability);
         if probability < 1e-3 {
+            let then = if widened {
+                "the uncertainties are widened for those that depend on positions."
+            } else {
+                "the uncertainties are then too small as well."
+            };
             result.warnings.push(format!(
                 "The residuals are larger than the stated noise (chi-square {chi_square:.0} at {dof} degrees of \
                  freedom): the stage has errors that the constants do not describe, or the noise is stated too small; \
-                 the uncertainties are then too small as well."
+                 {then}"
             ));
         }
         for (index, file) in self.series.iter().enumerate() {

@@ -9,6 +9,7 @@ use super::result::Identification;
 use super::reversal::{Runs, reversal, warn_of_one_way};
 use super::series::{Kind, Series};
 use super::units::Quantity;
+use super::wild::Farthest;
 use super::{Options, Refusal};
 use crate::machine::Machine;
 use nalgebra::DVector;
@@ -45,6 +46,8 @@ pub fn identify(
     }
     let mut fit = Fit::new(series, &gauge, &runs, options, progress);
     fit.refuse_undetermined()?;
+    fit.refuse_untold_noise()?;
+    fit.set_wild_ones_aside();
     fit.run()?;
     fit.judge_unstated()?;
     let mut result = fit.result(nominal, gauge, runs)?;
@@ -73,6 +76,10 @@ pub(super) struct Fit<'a> {
     pub(super) estimated: Vec<bool>,
     /// 0 for rejected readings.
     pub(super) weights: Vec<Vec<f64>>,
+    /// Readings that were set aside before the first fit.
+    pub(super) wild: Vec<Vec<bool>>,
+    /// The value that was farthest from its file then.
+    pub(super) farthest: Option<Farthest>,
     pub(super) solution: Option<Solution>,
 }
 
@@ -146,6 +153,8 @@ impl<'a> Fit<'a> {
             noise: series.iter().zip(runs).map(noise).collect(),
             estimated: series.iter().zip(runs).map(doubted).collect(),
             weights: series.iter().map(|file| vec![1.0; file.readings.len()]).collect(),
+            wild: series.iter().map(|file| vec![false; file.readings.len()]).collect(),
+            farthest: None,
             solution: None,
         }
     }
@@ -262,10 +271,10 @@ impl<'a> Fit<'a> {
                 damping = if damping == 0.0 { 1e-6 } else { damping * 10.0 };
             }
         }
-        Err(Refusal::Result(
+        let farthest = self.farthest_reading().map_or(String::new(), |reading| format!("; {reading}"));
+        Err(Refusal::Result(format!(
             "the fit does not come to an end: the measurements contradict each other or the nominal machine \
-             (order of the axes, fibre point, signs of the motors)"
-                .into(),
-        ))
+             (order of the axes, fibre point, signs of the motors){farthest}"
+        )))
     }
 }

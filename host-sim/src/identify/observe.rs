@@ -3,6 +3,7 @@
 use super::constants::{CONSTANTS, Constant};
 use super::jacobian::{Linearised, Twist};
 use super::play::{Behind, actuators};
+use super::position_errors::PositionErrors;
 use super::series::{Kind, Reading, Series};
 use super::units::HOUR;
 use super::zeros::{Centred, Equation, Lines};
@@ -114,6 +115,7 @@ pub struct Observer<'a> {
     lines: Lines,
     /// Of diagonals: all readings without the zeros of their lines.
     centred: Option<Centred>,
+    beyond: Option<&'a PositionErrors>,
 }
 
 impl<'a> Observer<'a> {
@@ -125,6 +127,19 @@ impl<'a> Observer<'a> {
         index: usize,
         drift: bool,
         weights: &[f64],
+    ) -> Self {
+        Self::beyond(layout, state, series, index, drift, weights, None)
+    }
+
+    /// The same, which fills columns of position-dependent errors too, if there are any.
+    pub(super) fn beyond(
+        layout: &'a Layout,
+        state: &'a State,
+        series: &'a Series,
+        index: usize,
+        drift: bool,
+        weights: &[f64],
+        beyond: Option<&'a PositionErrors>,
     ) -> Self {
         let play = state.machine.drives.map(|drive| drive.backlash);
         let mut observer = Observer {
@@ -138,9 +153,10 @@ impl<'a> Observer<'a> {
             behind: actuators(series, play),
             lines: Lines::new(series),
             centred: None,
+            beyond,
         };
         if series.kind == Kind::Diagonal {
-            let mut block = Block::new(layout.width);
+            let mut block = Block::new(layout.width + beyond.map_or(0, |errors| errors.shapes.len()));
             let equation = |k: usize| {
                 observer.reading(k, &mut block);
                 Equation { residual: block.residual[0], row: block.rows[0].clone() }
@@ -174,6 +190,9 @@ impl<'a> Observer<'a> {
             if let Some(column) = column.filter(|_| share != 0.0) {
                 use_it(column, at.actuator(axis));
             }
+        }
+        if let Some(errors) = self.beyond {
+            errors.each_twist(at, &self.layout.order, &self.behind[k].actuators, use_it);
         }
     }
 

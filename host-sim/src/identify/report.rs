@@ -67,7 +67,14 @@ impl fmt::Display for Identification {
                 file.rejected,
                 file.rms,
                 file.noise,
-                if file.noise_stated { "stated" } else { "estimated" },
+                match file.noise_freedom {
+                    _ if file.noise_stated => "stated".into(),
+                    Some(freedom) => format!(
+                        "estimated with {freedom:.0} degrees of freedom, its share of sigma {:.2} times larger for it",
+                        file.student_factor
+                    ),
+                    None => "estimated".to_string(),
+                },
                 u = file.unit
             )?;
         }

@@ -14,6 +14,8 @@ pub struct Estimate {
     pub value: f64,
     /// Standard uncertainty (k = 1); 0 for a held value.
     pub sigma: f64,
+    /// The part of it that noise makes; smaller where residuals depend on positions.
+    pub noise_sigma: f64,
     /// What the nominal machine says.
     pub nominal: f64,
     /// True when it was not fitted but held at `nominal`.
@@ -34,6 +36,9 @@ pub struct Reversal {
     pub mean_reversal: Option<f64>,
     /// Reversal value B of the axis by ISO 230-2: the largest |mean up - mean down| of a target; none as above.
     pub reversal: Option<f64>,
+    /// Smallest and largest play that a single target shows, mean down less mean up: a play that depends on the
+    /// position, and noise; none as above.
+    pub of_targets: Option<[f64; 2]>,
     /// The play from the least squares of all runs, with drift where the file has times; of runs that go one way the
     /// held value.
     pub backlash: f64,
@@ -68,6 +73,10 @@ pub struct FileSummary {
     pub unit: &'static str,
     /// False when the noise was estimated from the residuals.
     pub noise_stated: bool,
+    /// Degrees of freedom that tell the noise of a file that does not state it; none for bidirectional runs.
+    pub noise_freedom: Option<f64>,
+    /// By how much its share of the uncertainties is larger than with that noise stated (Student); else 1.
+    pub student_factor: f64,
     /// Root mean square of the residuals that count.
     pub rms: f64,
     /// What besides the constants was fitted to this file, nm or nrad (drift: per hour): name, value, sigma.

@@ -128,7 +128,7 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options, held: O
             residual: left[k],
             studentised: studentised[k],
         };
-        let (mean_reversal, reversal) = by_definition(&system, &kept).unzip();
+        let defined = by_definition(&system, &kept);
         let ways = [false, true].map(|down| {
             let way = series.readings.iter().filter(|reading| reading.down == down);
             way.map(|reading| reading.run).collect::<std::collections::BTreeSet<_>>().len()
@@ -140,8 +140,9 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options, held: O
                 axis: axis.name(),
                 file: series.file.clone(),
                 unit,
-                mean_reversal,
-                reversal,
+                mean_reversal: defined.as_ref().map(|defined| defined.mean_reversal),
+                reversal: defined.as_ref().map(|defined| defined.reversal),
+                of_targets: defined.as_ref().map(|defined| defined.of_targets),
                 backlash: one_way.unwrap_or(solved.play),
                 sigma,
                 drift_per_hour: drift.then_some(solved.drift),
@@ -207,9 +208,16 @@ pub(super) fn warn_of_one_way(result: &mut Identification) {
     }
 }
 
+/// What ISO 230-2 says of an axis, and the smallest and largest play of a target.
+struct Defined {
+    mean_reversal: f64,
+    reversal: f64,
+    of_targets: [f64; 2],
+}
+
 /// Mean reversal value and reversal value of the axis as ISO 230-2 defines them, over targets with both directions;
 /// none without such targets.
-fn by_definition(system: &PerTarget, kept: &[bool]) -> Option<(f64, f64)> {
+fn by_definition(system: &PerTarget, kept: &[bool]) -> Option<Defined> {
     let mut sums = vec![[(0.0, 0.0); 2]; system.targets];
     for k in (0..kept.len()).filter(|k| kept[*k]) {
         let (count, sum) = &mut sums[system.place[k]][usize::from(system.down[k] > 0.0)];
@@ -219,7 +227,12 @@ fn by_definition(system: &PerTarget, kept: &[bool]) -> Option<(f64, f64)> {
     let both = sums.iter().filter(|[up, down]| up.0 > 0.0 && down.0 > 0.0);
     let values: Vec<f64> = both.map(|[up, down]| up.1 / up.0 - down.1 / down.0).collect();
     let largest = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-    (!values.is_empty()).then(|| (values.iter().sum::<f64>() / values.len() as f64, largest))
+    let play = values.iter().fold([f64::MAX, f64::MIN], |[low, high], value| [low.min(-value), high.max(-value)]);
+    (!values.is_empty()).then(|| Defined {
+        mean_reversal: values.iter().sum::<f64>() / values.len() as f64,
+        reversal: largest,
+        of_targets: play,
+    })
 }
 
 /// Slope of a straight line through points.

@@ -126,7 +126,8 @@ struct Trial<'t, 'f> {
 impl Trial<'_, '_> {
     fn look(&mut self, state: &State) {
         let fit = self.fit;
-        let observer = Observer::new(&fit.layout, state, self.file, self.index, fit.options.drift);
+        let observer =
+            Observer::new(&fit.layout, state, self.file, self.index, fit.options.drift, &fit.weights[self.index]);
         let fill = |k: &usize| {
             let mut block = Block::new(fit.layout.width);
             observer.fill(*k, &mut block);

@@ -21,6 +21,9 @@ pub(super) const MOST_REJECTED: f64 = 0.2;
 /// The same while the fit is not yet at its end.
 const HOPELESS: f64 = 0.5;
 
+/// A reading that was set aside before the fit stays there while its residual has so many standard deviations.
+const STILL_WILD: f64 = 100.0;
+
 /// One reading after a fit.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Left {
@@ -129,7 +132,8 @@ impl Fit<'_> {
     fn reject(&mut self) -> Result<(), Refusal> {
         let values = self.fitted().map(|(_, file)| file.readings.len() * file.kind.columns().len()).sum();
         let limit = threshold(values);
-        if !self.any_beyond(limit) {
+        let none_is_out = self.weights.iter().flatten().all(|weight| *weight == 1.0);
+        if none_is_out && !self.any_beyond(limit) {
             return Ok(());
         }
         (self.progress)("looking for outliers");
@@ -203,7 +207,10 @@ impl Fit<'_> {
         let mut changed = false;
         for (index, file) in self.fitted() {
             for (k, left) in left[index].iter().enumerate() {
-                let now = weight(self.worst(index, file, k, left).1);
+                let worst = self.worst(index, file, k, left).1;
+                // a wild one does not even pull at a robust fit
+                let still_wild = self.wild[index][k] && worst.abs() > STILL_WILD;
+                let now = if still_wild { 0.0 } else { weight(worst) };
                 changed |= now != self.weights[index][k];
                 self.weights[index][k] = now;
             }

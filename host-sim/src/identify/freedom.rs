@@ -1,0 +1,87 @@
+//! Noise that is told by few readings: refused where it is hardly told, widened for where it is told by some.
+
+use super::Refusal;
+use super::fit::Fit;
+use super::observe::{Block, Observer};
+use nalgebra::DMatrix;
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+/// Fewest degrees of freedom that a file must have left for its noise: 10 tell a standard deviation to 22 %.
+const LEAST: f64 = 10.0;
+
+impl Fit<'_> {
+    /// Files whose noise nobody states.
+    fn unstated(&self, index: usize) -> bool {
+        self.estimated[index] && self.series[index].noise.is_none()
+    }
+
+    /// Degrees of freedom that the fit leaves to each file: values less their leverages.
+    fn freedom(&self, root: &DMatrix<f64>) -> Vec<f64> {
+        let left = self.left(root);
+        let mut freedom = vec![0.0; self.series.len()];
+        for (index, file) in self.fitted() {
+            let kept = left[index].iter().zip(&self.weights[index]).filter(|(_, weight)| **weight > 0.0);
+            let columns = file.kind.columns().len();
+            freedom[index] = kept.flat_map(|(left, _)| &left.leverage[..columns]).map(|h| (1.0 - h).max(0.0)).sum();
+        }
+        freedom
+    }
+
+    /// Refuses files that state no noise and are too short to tell it, before they spoil a fit.
+    pub(super) fn refuse_untold_noise(&self) -> Result<(), Refusal> {
+        if !self.fitted().any(|(index, _)| self.unstated(index)) {
+            return Ok(());
+        }
+        let freedom = self.freedom(&self.assemble(&self.state).0.solve().root());
+        for (index, file) in self.fitted().filter(|(index, _)| self.unstated(*index)) {
+            if freedom[index] < LEAST {
+                let (count, columns) = (file.readings.len(), file.kind.columns().len() as f64);
+                let reason = format!(
+                    "too few points to tell the noise: {count} readings leave {:.1} degrees of freedom, at least {LEAST} \
+                     are needed; state the noise (# noise_{}), or measure at least {} readings",
+                    freedom[index],
+                    if file.kind.quantity().unit() == "nm" { "um" } else { "urad" },
+                    count + ((LEAST - freedom[index]) / columns).ceil() as usize,
+                );
+                return Err(Refusal::line(file, file.readings[0].line, reason));
+            }
+        }
+        Ok(())
+    }
+
+    /// Of each file that states no noise: degrees of freedom that tell it, and the factor by which its share of the
+    /// uncertainties is widened, so that three sigma hold what three sigma of known noise would (Student).
+    pub(super) fn student(&self) -> Vec<Option<(f64, f64)>> {
+        let freedom = self.freedom(&self.root());
+        let inside = Normal::standard().cdf(3.0);
+        let factor = |free: f64| {
+            let student = StudentsT::new(0.0, 1.0, free.max(1.0)).expect("a positive number of degrees of freedom");
+            student.inverse_cdf(inside) / 3.0
+        };
+        let of = |index: usize| (freedom[index] > 0.0).then(|| (freedom[index], factor(freedom[index])));
+        (0..self.series.len()).map(|index| if self.unstated(index) { of(index) } else { None }).collect()
+    }
+
+    /// The covariance with the share of each such file widened.
+    pub(super) fn with_student(&self, covariance: DMatrix<f64>, student: &[Option<(f64, f64)>]) -> DMatrix<f64> {
+        let mut widened = covariance.clone();
+        let mut block = Block::new(self.layout.width);
+        for (index, file) in self.fitted() {
+            let Some((_, factor)) = student[index] else { continue };
+            let touched = self.touched(index);
+            let observer =
+                Observer::new(&self.layout, &self.state, file, index, self.options.drift, &self.weights[index]);
+            let mut normal = DMatrix::zeros(touched.len(), touched.len());
+            for (k, weight) in self.weights[index].iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
+                observer.fill(k, &mut block);
+                for row in &block.rows[..file.kind.columns().len()] {
+                    let row = nalgebra::DVector::from_fn(touched.len(), |i, _| row[touched[i]]);
+                    normal.ger(weight / self.noise[index].powi(2), &row, &row, 1.0);
+                }
+            }
+            let gain = DMatrix::from_fn(covariance.nrows(), touched.len(), |i, j| covariance[(i, touched[j])]);
+            widened += (factor * factor - 1.0) * (&gain * normal * gain.transpose());
+        }
+        widened
+    }
+}
