@@ -10,6 +10,7 @@ use crate::machine::Machine;
 use crate::model::{Chain, exp, vee};
 use nalgebra::{Matrix3, Vector3};
 use stage_controller::units::{AXES, Axis};
+use std::cell::OnceCell;
 use std::f64::consts::FRAC_PI_2;
 
 /// A mirror is glued to the array within this, rad; it keeps its tilt from running away where nothing tells it.
@@ -113,7 +114,8 @@ pub struct Observer<'a> {
     behind: Vec<Behind>,
     lines: Lines,
     /// Of diagonals: all readings without the zeros of their lines.
-    centred: Option<Centred>,
+    centred: OnceCell<Centred>,
+    weights: &'a [f64],
 }
 
 impl<'a> Observer<'a> {
@@ -124,10 +126,10 @@ impl<'a> Observer<'a> {
         series: &'a Series,
         index: usize,
         drift: bool,
-        weights: &[f64],
+        weights: &'a [f64],
     ) -> Self {
         let play = state.machine.drives.map(|drive| drive.backlash);
-        let mut observer = Observer {
+        Observer {
             layout,
             series,
             machine: &state.machine,
@@ -137,23 +139,23 @@ impl<'a> Observer<'a> {
             chain: Chain::new(&state.machine),
             behind: actuators(series, play),
             lines: Lines::new(series),
-            centred: None,
-        };
-        if series.kind == Kind::Diagonal {
-            let mut block = Block::new(layout.width);
-            let equation = |k: usize| {
-                observer.reading(k, &mut block);
-                Equation { residual: block.residual[0], row: block.rows[0].clone() }
-            };
-            let equations = (0..series.readings.len()).map(equation).collect();
-            observer.centred = Some(Centred::new(observer.lines.clone(), equations, weights));
+            weights,
+            centred: OnceCell::new(),
         }
-        observer
     }
 
-    /// Of diagonals: all readings without the zeros of their lines.
-    pub fn into_centred(self) -> Option<Centred> {
-        self.centred
+    /// Of diagonals: all readings with so many columns, without the zeros of their lines.
+    pub fn centred(&self, width: usize) -> Option<&Centred> {
+        let evaluate = || {
+            let mut block = Block::new(width);
+            let equation = |k: usize| {
+                self.reading(k, &mut block);
+                Equation { residual: block.residual[0], row: block.rows[0].clone() }
+            };
+            let equations = (0..self.series.readings.len()).map(equation).collect();
+            Centred::new(self.lines.clone(), equations, self.weights)
+        };
+        (self.series.kind == Kind::Diagonal).then(|| self.centred.get_or_init(evaluate))
     }
 
     fn place(&self, k: usize, point: [f64; 3]) -> Place {
@@ -179,7 +181,7 @@ impl<'a> Observer<'a> {
 
     /// Fills the rows of reading `k`.
     pub fn fill(&self, k: usize, block: &mut Block) {
-        match &self.centred {
+        match self.centred(block.rows[0].len()) {
             Some(centred) => centred.fill(k, block),
             None => self.reading(k, block),
         }
