@@ -11,6 +11,7 @@ use crate::machine::Machine;
 use crate::model::{Chain, exp, vee};
 use nalgebra::{Matrix3, Vector3};
 use stage_controller::units::{AXES, Axis};
+use std::cell::OnceCell;
 use std::f64::consts::FRAC_PI_2;
 
 /// A mirror is glued to the array within this, rad; it keeps its tilt from running away where nothing tells it.
@@ -114,7 +115,8 @@ pub struct Observer<'a> {
     behind: Vec<Behind>,
     lines: Lines,
     /// Of diagonals: all readings without the zeros of their lines.
-    centred: Option<Centred>,
+    centred: OnceCell<Centred>,
+    weights: &'a [f64],
     beyond: Option<&'a PositionErrors>,
 }
 
@@ -126,23 +128,10 @@ impl<'a> Observer<'a> {
         series: &'a Series,
         index: usize,
         drift: bool,
-        weights: &[f64],
-    ) -> Self {
-        Self::beyond(layout, state, series, index, drift, weights, None)
-    }
-
-    /// The same, which fills columns of position-dependent errors too, if there are any.
-    pub(super) fn beyond(
-        layout: &'a Layout,
-        state: &'a State,
-        series: &'a Series,
-        index: usize,
-        drift: bool,
-        weights: &[f64],
-        beyond: Option<&'a PositionErrors>,
+        weights: &'a [f64],
     ) -> Self {
         let play = state.machine.drives.map(|drive| drive.backlash);
-        let mut observer = Observer {
+        Observer {
             layout,
             series,
             machine: &state.machine,
@@ -152,24 +141,29 @@ impl<'a> Observer<'a> {
             chain: Chain::new(&state.machine),
             behind: actuators(series, play),
             lines: Lines::new(series),
-            centred: None,
-            beyond,
-        };
-        if series.kind == Kind::Diagonal {
-            let mut block = Block::new(layout.width + beyond.map_or(0, |errors| errors.shapes.len()));
-            let equation = |k: usize| {
-                observer.reading(k, &mut block);
-                Equation { residual: block.residual[0], row: block.rows[0].clone() }
-            };
-            let equations = (0..series.readings.len()).map(equation).collect();
-            observer.centred = Some(Centred::new(observer.lines.clone(), equations, weights));
+            weights,
+            centred: OnceCell::new(),
+            beyond: None,
         }
-        observer
     }
 
-    /// Of diagonals: all readings without the zeros of their lines.
-    pub fn into_centred(self) -> Option<Centred> {
-        self.centred
+    /// Fills columns of position-dependent errors too.
+    pub(super) fn with_position_errors(self, errors: &'a PositionErrors) -> Self {
+        Observer { beyond: Some(errors), ..self }
+    }
+
+    /// Of diagonals: all readings with so many columns, without the zeros of their lines.
+    pub fn centred(&self, width: usize) -> Option<&Centred> {
+        let evaluate = || {
+            let mut block = Block::new(width);
+            let equation = |k: usize| {
+                self.reading(k, &mut block);
+                Equation { residual: block.residual[0], row: block.rows[0].clone() }
+            };
+            let equations = (0..self.series.readings.len()).map(equation).collect();
+            Centred::new(self.lines.clone(), equations, self.weights)
+        };
+        (self.series.kind == Kind::Diagonal).then(|| self.centred.get_or_init(evaluate))
     }
 
     fn place(&self, k: usize, point: [f64; 3]) -> Place {
@@ -198,7 +192,7 @@ impl<'a> Observer<'a> {
 
     /// Fills the rows of reading `k`.
     pub fn fill(&self, k: usize, block: &mut Block) {
-        match &self.centred {
+        match self.centred(block.rows[0].len()) {
             Some(centred) => centred.fill(k, block),
             None => self.reading(k, block),
         }

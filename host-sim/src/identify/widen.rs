@@ -124,7 +124,8 @@ impl Fit<'_> {
         let file = &self.series[index];
         let touched = self.touched(index);
         let (drift, weights) = (self.options.drift, &self.weights[index]);
-        let observer = Observer::beyond(&self.layout, &self.state, file, index, drift, weights, Some(errors));
+        let observer =
+            Observer::new(&self.layout, &self.state, file, index, drift, weights).with_position_errors(errors);
         let mut block = Block::new(width + errors.shapes.len());
         let mut row = vec![0.0; touched.len() + errors.shapes.len() + 1];
         let counting = self.weights[index].iter().enumerate().filter(|(_, weight)| **weight > 0.0);

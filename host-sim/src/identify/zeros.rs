@@ -136,7 +136,8 @@ impl Fit<'_> {
         if file.kind != Kind::Diagonal {
             return None;
         }
-        Observer::new(&self.layout, &self.state, file, index, self.options.drift, &self.weights[index]).into_centred()
+        let observer = Observer::new(&self.layout, &self.state, file, index, self.options.drift, &self.weights[index]);
+        observer.centred(self.layout.width).cloned()
     }
 }
 
