@@ -78,6 +78,8 @@ pub(super) struct Fit<'a> {
     pub(super) weights: Vec<Vec<f64>>,
     /// Readings that were set aside before the first fit.
     pub(super) wild: Vec<Vec<bool>>,
+    /// Factor for the studentised residuals of each file when outliers are looked for.
+    pub(super) caution: Vec<f64>,
     /// The value that was farthest from its file then.
     pub(super) farthest: Option<Farthest>,
     pub(super) solution: Option<Solution>,
@@ -154,6 +156,7 @@ impl<'a> Fit<'a> {
             estimated: series.iter().zip(runs).map(doubted).collect(),
             weights: series.iter().map(|file| vec![1.0; file.readings.len()]).collect(),
             wild: series.iter().map(|file| vec![false; file.readings.len()]).collect(),
+            caution: vec![1.0; series.len()],
             farthest: None,
             solution: None,
         }

@@ -3,11 +3,14 @@
 use super::Refusal;
 use super::fit::Fit;
 use super::observe::{Block, Observer};
+use super::series::Series;
 use nalgebra::DMatrix;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
 /// Fewest degrees of freedom that a file must have left for its noise: 10 tell a standard deviation to 22 %.
 const LEAST: f64 = 10.0;
+/// Share of its values that must be left for single readings to be judged by a noise that nobody states.
+const JUDGED: f64 = 0.6;
 
 impl Fit<'_> {
     /// Files whose noise nobody states.
@@ -47,6 +50,27 @@ impl Fit<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Factors for studentised residuals: below 1 where few readings tell the noise, so that the limit of normal ones
+    /// stands for that of Student's distribution; 0 where the fit takes so much of the file that its residuals cannot
+    /// tell which reading is wrong. Wild ones are left out all the same.
+    pub(super) fn caution(&self, limit: f64) -> Vec<f64> {
+        let freedom = self.freedom(&self.root());
+        let inside = Normal::standard().cdf(limit);
+        let factor = |free: f64| {
+            let student = StudentsT::new(0.0, 1.0, free.max(1.0)).expect("a positive number of degrees of freedom");
+            (limit / student.inverse_cdf(inside)).min(1.0)
+        };
+        let of = |(index, file): (usize, &Series)| {
+            let values = (file.readings.len() * file.kind.columns().len()) as f64;
+            match self.unstated(index) {
+                true if freedom[index] < JUDGED * values => 0.0,
+                true => factor(freedom[index]),
+                false => 1.0,
+            }
+        };
+        self.series.iter().enumerate().map(of).collect()
     }
 
     /// Of each file that states no noise: degrees of freedom that tell it, and the factor by which its share of the

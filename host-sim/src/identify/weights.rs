@@ -90,7 +90,8 @@ impl Fit<'_> {
                 .collect();
             let free: f64 = values.iter().map(|(_, leverage)| (1.0 - leverage).max(0.0)).sum();
             let estimate = if robust {
-                robust_noise(file, &left[index])
+                // the fit has taken its share of the noise
+                robust_noise(file, &left[index]) * (values.len() as f64 / free.max(1.0)).sqrt()
             } else {
                 (values.iter().map(|(residual, _)| residual * residual).sum::<f64>() / free.max(1e-9)).sqrt()
             };
@@ -132,6 +133,7 @@ impl Fit<'_> {
     fn reject(&mut self) -> Result<(), Refusal> {
         let values = self.fitted().map(|(_, file)| file.readings.len() * file.kind.columns().len()).sum();
         let limit = threshold(values);
+        self.caution = self.caution(limit);
         let none_is_out = self.weights.iter().flatten().all(|weight| *weight == 1.0);
         if none_is_out && !self.any_beyond(limit) {
             return Ok(());
@@ -210,7 +212,7 @@ impl Fit<'_> {
                 let worst = self.worst(index, file, k, left).1;
                 // a wild one does not even pull at a robust fit
                 let still_wild = self.wild[index][k] && worst.abs() > STILL_WILD;
-                let now = if still_wild { 0.0 } else { weight(worst) };
+                let now = if still_wild { 0.0 } else { weight(worst * self.caution[index]) };
                 changed |= now != self.weights[index][k];
                 self.weights[index][k] = now;
             }
@@ -228,7 +230,8 @@ impl Fit<'_> {
     fn any_beyond(&self, limit: f64) -> bool {
         let left = self.left(&self.root());
         self.fitted().any(|(index, file)| {
-            (0..file.readings.len()).any(|k| self.worst(index, file, k, &left[index][k]).1.abs() > limit)
+            (0..file.readings.len())
+                .any(|k| self.worst(index, file, k, &left[index][k]).1.abs() * self.caution[index] > limit)
         })
     }
 }
