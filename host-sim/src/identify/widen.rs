@@ -40,6 +40,8 @@ pub(super) struct Widening {
 /// Weighted rows of some readings of a file: columns of its unknowns (as touched), of the functions, the residuals.
 struct Sample {
     unknowns: usize,
+    /// Degrees of freedom that zeros of lines have taken from the rows.
+    eliminated: f64,
     rows: DMatrix<f64>,
 }
 
@@ -93,10 +95,13 @@ impl Fit<'_> {
         let file = &self.series[index];
         let stride = (file.readings.len() * file.kind.columns().len()).div_ceil(TESTED_ROWS).max(1);
         let unknowns = self.touched(index).len();
-        let mut rows = Vec::new();
-        self.each_row(index, errors, stride, |row| rows.extend_from_slice(row));
+        let (mut rows, mut eliminated) = (Vec::new(), 0.0);
+        self.each_row(index, errors, stride, |row, taken| {
+            rows.extend_from_slice(row);
+            eliminated += taken;
+        });
         let size = unknowns + errors.shapes.len() + 1;
-        Sample { unknowns, rows: DMatrix::from_row_slice(rows.len() / size, size, &rows) }
+        Sample { unknowns, eliminated, rows: DMatrix::from_row_slice(rows.len() / size, size, &rows) }
     }
 
     /// Products of all columns of a file with one another.
@@ -105,7 +110,7 @@ impl Fit<'_> {
         let mut gram = DMatrix::zeros(size, size);
         let mut rows: DMatrix<f64> = DMatrix::zeros(ROWS, size);
         let mut filled = 0;
-        self.each_row(index, errors, 1, |row| {
+        self.each_row(index, errors, 1, |row, _| {
             if filled == ROWS {
                 gram.gemm_tr(1.0, &rows, &rows, 1.0);
                 rows.fill(0.0);
@@ -118,8 +123,9 @@ impl Fit<'_> {
         gram
     }
 
-    /// Calls back with the weighted rows of every so manyth reading that counts.
-    fn each_row(&self, index: usize, errors: &PositionErrors, stride: usize, mut use_it: impl FnMut(&[f64])) {
+    /// Calls back with the weighted rows of every so manyth reading that counts, and with the share of a degree of
+    /// freedom that was eliminated from each.
+    fn each_row(&self, index: usize, errors: &PositionErrors, stride: usize, mut use_it: impl FnMut(&[f64], f64)) {
         let width = self.layout.width;
         let file = &self.series[index];
         let touched = self.touched(index);
@@ -136,7 +142,7 @@ impl Fit<'_> {
                 let unknowns = touched.iter().map(|column| block.rows[c][*column]);
                 let values = unknowns.chain(block.rows[c][width..].iter().copied()).chain([block.residual[c]]);
                 row.iter_mut().zip(values).for_each(|(to, value)| *to = value * scale);
-                use_it(&row);
+                use_it(&row, weight * block.eliminated);
             }
         }
     }
@@ -156,6 +162,7 @@ impl Sample {
     /// F test of the functions beside the unknowns that the file can tell.
     fn test(&self, shapes: &[Shape]) -> Option<Dependence> {
         let (n, rows) = (self.unknowns, self.rows.nrows());
+        let free = rows.saturating_sub(self.eliminated.round() as usize);
         let tested: Vec<(usize, Shape)> =
             shapes.iter().copied().enumerate().filter(|(_, shape)| shape.degree <= TESTED).collect();
         let mut basis = Basis::new(rows, n + tested.len());
@@ -168,7 +175,7 @@ impl Sample {
             left.axpy(-along, &basis.columns.column(k), 1.0);
         }
         // as many functions as a third of what is left can tell, the low degrees first
-        let (told, most) = (basis.taken, rows.saturating_sub(basis.taken) / 3);
+        let (told, most) = (basis.taken, free.saturating_sub(basis.taken) / 3);
         let mut gains = [0.0; 6];
         for (j, shape) in tested {
             if basis.taken - told < most && basis.take(self.rows.column(n + j).into_owned(), NOTHING[1]) {
@@ -177,7 +184,7 @@ impl Sample {
                 gains[shape.axis.index()] += along * along;
             }
         }
-        let (taken, rest) = (basis.taken - told, rows.saturating_sub(basis.taken));
+        let (taken, rest) = (basis.taken - told, free.saturating_sub(basis.taken));
         if taken == 0 || rest == 0 {
             return None;
         }
