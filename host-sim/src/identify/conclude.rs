@@ -34,6 +34,7 @@ impl Fit<'_> {
             limit.is_some_and(|limit| covariance[(column, column)].sqrt() > share * limit)
         };
         self.refuse(&solution.null_space(), |column| vague_of(&alone, column, 1.0))?;
+        self.refuse_impossible()?;
         let columns: Vec<Option<usize>> =
             self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
         let mut machine = gauge.start.clone();

@@ -2,7 +2,7 @@
 
 use super::checks;
 use super::constants::Constant;
-use super::gauge::{Gauge, gauge};
+use super::gauge::{Gauge, gauge, per_unit};
 use super::least_squares::{Rows, Solution};
 use super::observe::{Block, Layout, Nuisance, Observer, State, nuisances};
 use super::result::Identification;
@@ -11,7 +11,7 @@ use super::series::{Kind, Series};
 use super::units::Quantity;
 use super::wild::Farthest;
 use super::{Options, Refusal};
-use crate::machine::Machine;
+use crate::machine::{FARTHEST_UM, LARGEST_STATIC, Machine};
 use nalgebra::DVector;
 use stage_controller::units::Axis;
 
@@ -274,10 +274,30 @@ impl<'a> Fit<'a> {
                 damping = if damping == 0.0 { 1e-6 } else { damping * 10.0 };
             }
         }
+        Err(self.astray("the fit does not come to an end"))
+    }
+
+    /// Refuses what no machine file can hold.
+    pub(super) fn refuse_impossible(&self) -> Result<(), Refusal> {
+        for (constant, column) in self.layout.constants.iter().zip(self.layout.constant_columns) {
+            let (unit, most) = if constant.is_angle() { ("rad", LARGEST_STATIC) } else { ("um", FARTHEST_UM) };
+            let value = constant.of(&self.state.machine) / per_unit(*constant);
+            if column.is_some() && (value.abs() > most || value.is_nan()) {
+                let what = format!(
+                    "the fit ends at {constant} = {value:.4} {unit}, where no stage is (at most {most} {unit})"
+                );
+                return Err(self.astray(&what));
+            }
+        }
+        Ok(())
+    }
+
+    /// The measurements lead nowhere: what may be the matter.
+    fn astray(&self, what: &str) -> Refusal {
         let farthest = self.farthest_reading().map_or(String::new(), |reading| format!("; {reading}"));
-        Err(Refusal::Result(format!(
-            "the fit does not come to an end: the measurements contradict each other or the nominal machine \
-             (order of the axes, fibre point, signs of the motors){farthest}"
-        )))
+        Refusal::Result(format!(
+            "{what}: the measurements contradict each other or the nominal machine (order of the axes, fibre point, signs \
+             of the motors){farthest}"
+        ))
     }
 }

@@ -51,12 +51,14 @@ const COARSE: f64 = 10.0;
 
 /// The largest noise that is believed of a kind, nm or nrad: residuals beyond are no instrument and no stage but
 /// another unit, sign, axis or point. Errors of the stage count as noise here. Linear stages of lead screws err by up
-/// to 5 um over their travel before any compensation, rotary ones by 0.01 deg; a square or an autocollimator that is
-/// 20 arcsec off is not one.
+/// to 5 um over their travel before any compensation, rotary ones by 0.01 deg; an autocollimator that is 20 arcsec off is
+/// not one.
 pub(super) fn believable(kind: Kind) -> f64 {
     match kind {
-        Kind::Squareness | Kind::Autocollimator(_) => 100_000.0,
+        Kind::Autocollimator(_) => 100_000.0,
         Kind::Orientation => 200_000.0,
+        // a straightness of 1 um makes a square as wrong over some millimetres
+        Kind::Squareness => 300_000.0,
         _ if kind.quantity() == Quantity::Angle => 200_000.0,
         _ => 5_000.0,
     }
@@ -336,7 +338,9 @@ impl<'f> Fit<'f> {
         for index in doubted {
             let file = &self.series[index];
             let (unit, stated) = (file.kind.quantity().unit(), file.noise.expect("those alone"));
-            let (out, kept) = self.out_of_core(index, stated);
+            // of few pairs read many times one pair may well stand apart: that is the stage, not its readings
+            let (out, kept) =
+                if file.kind == Kind::Squareness { (None, false) } else { self.out_of_core(index, stated) };
             if let Some(out) = out.filter(|out| *out as f64 > MOST_REJECTED * file.readings.len() as f64) {
                 let reason = format!(
                     "{out} of {} readings do not fit the others of the file, which keep to its noise of {stated:.3} {unit}: \
