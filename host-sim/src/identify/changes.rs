@@ -1,7 +1,7 @@
 //! What can be mistaken about a whole file: signs, units, columns exchanged.
 
-use super::checks::written;
-use super::series::{Kind, Reading, Series};
+use super::checks::{LEAST_COVERED, written};
+use super::series::{Approach, Kind, Reading, Series};
 use super::units::{UNITS, Unit};
 use crate::machine::Machine;
 use stage_controller::units::Axis;
@@ -31,6 +31,16 @@ pub(super) enum Change {
     Unit(usize, Unit),
     /// All of them.
     AllUnit(Unit),
+    /// The motors came from another side.
+    Approach(Approach),
+}
+
+/// The pairs of axes of a file of squarenesses, each once.
+pub(super) fn pairs(file: &Series) -> Vec<(Axis, Axis)> {
+    let mut pairs: Vec<_> = file.readings.iter().filter_map(|reading| reading.pair).collect();
+    pairs.sort_by_key(|(a, b)| (a.index(), b.index()));
+    pairs.dedup();
+    pairs
 }
 
 impl Change {
@@ -51,11 +61,15 @@ impl Change {
                 let both = factors.iter().flat_map(|factor| [*factor, factor.recip()]);
                 all.extend(both.map(|factor| Change::MotorScaled(*axis, factor)));
             }
+            let others = [Approach::Up, Approach::Down, Approach::Sequence].into_iter().filter(|a| *a != file.approach);
+            all.extend(others.map(Change::Approach));
         }
         if let Kind::Straightness { axis, .. } = file.kind {
             all.push(Change::MotorReversed(axis));
         }
-        all.extend((0..columns).map(Change::Reversed));
+        // a distance has no other sign
+        let signed = if file.kind == Kind::Diagonal { 0 } else { columns };
+        all.extend((0..signed).map(Change::Reversed));
         for a in 0..columns {
             all.extend((a + 1..columns).map(|b| Change::Exchanged(a, b)));
         }
@@ -63,10 +77,7 @@ impl Change {
             all.push(Change::AllReversed);
         }
         if file.kind == Kind::Squareness {
-            let mut pairs: Vec<_> = file.readings.iter().filter_map(|reading| reading.pair).collect();
-            pairs.sort_by_key(|(a, b)| (a.index(), b.index()));
-            pairs.dedup();
-            all.extend(pairs.into_iter().map(|(a, b)| Change::PairReversed(a, b)));
+            all.extend(pairs(file).into_iter().map(|(a, b)| Change::PairReversed(a, b)));
         }
         for unit in UNITS.into_iter().filter(|unit| unit.quantity == file.kind.quantity()) {
             let other = |c: usize| file.units.get(c).is_some_and(|written| written.name != unit.name);
@@ -79,7 +90,14 @@ impl Change {
         all
     }
 
-    /// Motors stay inside their travel, or a step of a hundredth beyond.
+    /// Columns that were exchanged, of motors or of values.
+    pub(super) fn exchanges(file: &Series, machine: &Machine) -> Vec<Change> {
+        let mut all = Change::all(file, machine);
+        all.retain(|change| matches!(change, Change::Exchanged(..) | Change::MotorsExchanged(..)));
+        all
+    }
+
+    /// Motors stay inside their travel, or a step of a hundredth beyond, and cover enough of it for a measurement.
     fn within(self, file: &Series, machine: &Machine) -> bool {
         let axes = match self {
             Change::MotorReversed(axis) | Change::MotorScaled(axis, _) => vec![axis],
@@ -94,6 +112,14 @@ impl Change {
                 (lower - over..=upper + over).contains(&motors[axis.index()])
             })
         };
+        if let Change::MotorScaled(axis, _) = self {
+            let at = file.readings.iter().map(|reading| self.reading(reading, file).motors[axis.index()]);
+            let (least, most) = at.fold((f64::MAX, f64::MIN), |(least, most), at| (least.min(at), most.max(at)));
+            let [lower, upper] = machine.drives[axis.index()].travel;
+            if most - least < LEAST_COVERED * (upper - lower) {
+                return false;
+            }
+        }
         // an axis that may only go one way can still be counted the wrong way
         matches!(self, Change::MotorReversed(_)) || file.readings.iter().all(inside)
     }
@@ -128,7 +154,8 @@ impl Change {
     /// The file as it would be read then.
     pub(super) fn applied(self, file: &Series) -> Series {
         let readings = file.readings.iter().map(|reading| self.reading(reading, file)).collect();
-        Series { readings, ..file.clone() }
+        let approach = if let Change::Approach(other) = self { other } else { file.approach };
+        Series { readings, approach, ..file.clone() }
     }
 
     /// What is read how: `at_gamma counted the other way`.
@@ -154,6 +181,9 @@ impl Change {
             Change::Exchanged(a, b) => format!("{} and {} exchanged", written(file, a), written(file, b)),
             Change::Unit(c, unit) => other_unit(written(file, c), unit),
             Change::AllUnit(unit) => other_unit(all(), unit),
+            Change::Approach(Approach::Up) => "approach: up".into(),
+            Change::Approach(Approach::Down) => "approach: down".into(),
+            Change::Approach(Approach::Sequence) => "approach: sequence".into(),
         }
     }
 }

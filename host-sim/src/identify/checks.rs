@@ -1,6 +1,7 @@
 //! What can be wrong with measurements before anything is fitted: order of runs, number of points, units by scale.
 
 use super::Refusal;
+use super::changes::Change;
 use super::jacobian::Linearised;
 use super::series::{Kind, Reading, Series};
 use super::units::{Quantity, Unit, plain, really};
@@ -8,6 +9,11 @@ use super::zeros::Lines;
 use crate::machine::{LARGEST_STATIC, Machine, NRAD_PER_DEG};
 use nalgebra::{Rotation3, Vector3};
 use stage_controller::units::{AXES, Axis};
+
+/// Motors that are measured cover at least this share of their travel.
+pub(super) const LEAST_COVERED: f64 = 1.0 / 300.0;
+/// Values so many times smaller than the motion do not follow it at all.
+const NOTHING: f64 = 1e-4;
 
 /// Runs go one way, and there are enough points.
 pub(super) fn runs(series: &[Series]) -> Result<(), Refusal> {
@@ -91,20 +97,46 @@ fn lines(file: &Series) -> Result<(), Refusal> {
 pub(super) fn scales(series: &[Series], nominal: &Machine) -> Result<(), Refusal> {
     for file in series {
         travel(file, nominal)?;
-        let lines = Lines::new(file);
-        let all: Vec<[f64; 3]> = (0..file.readings.len()).map(|k| predicted(file, &lines, k, nominal)).collect();
-        for column in 0..file.kind.columns().len() {
-            let predicted: Vec<f64> = all.iter().map(|values| values[column]).collect();
-            let measured: Vec<f64> = file.readings.iter().map(|reading| reading.values[column]).collect();
-            let Some(ratio) = ratio(file, column, &predicted, &measured, nominal) else { continue };
-            if (0.5..2.0).contains(&ratio) {
-                continue;
-            }
-            let line = file.readings[0].line;
-            return Err(Refusal::line(file, line, complaint(file, column, ratio)));
-        }
+        let ratios = ratios(file, nominal);
+        let strange =
+            ratios.iter().enumerate().find_map(|(column, ratio)| Some((column, ratio.filter(|r| !plausible(*r))?)));
+        let Some((column, ratio)) = strange else { continue };
+        let right = |change: &Change| {
+            // as many columns can be compared as before, and all of them follow the machine
+            let after = super::checks::ratios(&change.applied(file), nominal);
+            after.iter().flatten().count() >= ratios.iter().flatten().count()
+                && after.iter().flatten().all(|r| plausible(*r))
+        };
+        let exchanged: Vec<String> =
+            Change::exchanges(file, nominal).into_iter().filter(right).map(|change| change.said(file)).collect();
+        let reason = match exchanged.as_slice() {
+            [] => complaint(file, column, ratio),
+            said => format!(
+                "{} does not follow the machine's motion; it would with {}",
+                written(file, column),
+                said.join(", or with ")
+            ),
+        };
+        return Err(Refusal::line(file, file.readings[0].line, reason));
     }
     Ok(())
+}
+
+/// Values over motion that no mistake is needed for.
+fn plausible(ratio: f64) -> bool {
+    (0.5..2.0).contains(&ratio)
+}
+
+/// How many times each column of values is the machine's motion, where that can be compared.
+fn ratios(file: &Series, nominal: &Machine) -> Vec<Option<f64>> {
+    let lines = Lines::new(file);
+    let all: Vec<[f64; 3]> = (0..file.readings.len()).map(|k| predicted(file, &lines, k, nominal)).collect();
+    let of = |column: usize| {
+        let predicted: Vec<f64> = all.iter().map(|values| values[column]).collect();
+        let measured: Vec<f64> = file.readings.iter().map(|reading| reading.values[column]).collect();
+        ratio(file, column, &predicted, &measured, nominal)
+    };
+    (0..file.kind.columns().len()).map(of).collect()
 }
 
 pub(super) fn written(file: &Series, column: usize) -> String {
@@ -127,6 +159,9 @@ fn complaint(file: &Series, column: usize, ratio: f64) -> String {
         None if (-2.0..-0.5).contains(&ratio) => {
             format!("{name} goes against the machine's motion: the sign of the instrument or of the motor is reversed")
         }
+        None if ratio.abs() < NOTHING => format!(
+            "{name}: the values do not follow the machine's motion: look at the axis and the order of the columns"
+        ),
         None => format!(
             "{name}: the values are {size} than the machine's motion: look at the unit, the axis and the step size"
         ),
@@ -159,7 +194,7 @@ fn travel(file: &Series, nominal: &Machine) -> Result<(), Refusal> {
         let covered = covered.1 - covered.0;
         let moves = matches!(file.kind, Kind::Positioning(a) | Kind::Straightness { axis: a, .. } if a == axis)
             || (covered > 0.0 && matches!(file.kind, Kind::Fibre(_)));
-        if moves && covered < span / 300.0 {
+        if moves && covered < LEAST_COVERED * span {
             let reason = format!(
                 "unit: {} covers {} {unit} of its travel of {} {unit}; measure over the travel, or correct the \
                  unit of the column",

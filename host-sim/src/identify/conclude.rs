@@ -7,6 +7,7 @@ use super::gauge::{Gauge, per_unit};
 use super::least_squares::Solution;
 use super::result::{Estimate, FileSummary, Identification, Outlier, Residual};
 use super::reversal::Runs;
+use super::suspicions::noise_unit;
 use crate::machine::{LARGEST_STATIC, Machine};
 use nalgebra::DMatrix;
 use stage_controller::units::{AXES, Axis};
@@ -33,13 +34,21 @@ impl Fit<'_> {
             let limit = constant.map(|i| if self.layout.constants[i].is_angle() { VAGUE_ANGLE } else { VAGUE_LENGTH });
             limit.is_some_and(|limit| covariance[(column, column)].sqrt() > share * limit)
         };
-        self.refuse(&solution.null_space(), |column| vague_of(&alone, column, 1.0))?;
+        let beyond = |column: usize| {
+            let constant = self.layout.constant_columns.iter().position(|c| *c == Some(column));
+            constant.is_some_and(|i| self.hardly_told(self.layout.constants[i], column, &covariance))
+        };
+        self.refuse(&solution.null_space(), |column| vague_of(&alone, column, 1.0) || beyond(column))?;
         self.refuse_impossible()?;
         let columns: Vec<Option<usize>> =
             self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
         let mut machine = gauge.start.clone();
         let mut warnings: Vec<String> = widening.iter().flat_map(|widening| widening.warnings.clone()).collect();
         warnings.extend(self.agreement(&runs, &alone, &covariance)?);
+        warnings.splice(0..0, self.said.iter().map(|(_, said)| said.clone()));
+        // what does not fit may be what is held
+        let held = self.held();
+        warnings.iter_mut().for_each(|warning| warning.push_str(&held));
         let mut estimates = Vec::new();
         for (i, column) in columns.iter().enumerate() {
             let constant = self.layout.constants.get(i).copied();
@@ -225,16 +234,20 @@ impl Fit<'_> {
             result.warnings.push(format!(
                 "The residuals are larger than the stated noise (chi-square {chi_square:.0} at {dof} degrees of \
                  freedom): the stage has errors that the constants do not describe, or the noise is stated too small; \
-                 {then}"
+                 {then}{}",
+                self.held()
             ));
         }
         for (index, file) in self.series.iter().enumerate() {
             let (Some(stated), true) = (file.noise, self.estimated[index]) else { continue };
             result.warnings.push(format!(
                 "{}: the residuals are {:.1} times the noise stated, {stated:.1} {unit}; the file is weighted by what they \
-                 show. The stage has errors that the constants do not describe, or the noise is stated too small.",
+                 show. The stage has errors that the constants do not describe, or the noise is stated too small{}.{}",
                 file.file,
                 self.noise[index] / stated,
+                noise_unit(file, self.noise[index] / stated)
+                    .map_or(String::new(), |(real, written)| format!(" (it looks like {real} written as {written})")),
+                self.held(),
                 unit = file.kind.quantity().unit()
             ));
         }

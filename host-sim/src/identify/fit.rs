@@ -12,6 +12,7 @@ use super::units::Quantity;
 use super::wild::Farthest;
 use super::{Options, Refusal};
 use crate::machine::{FARTHEST_UM, LARGEST_STATIC, Machine};
+use nalgebra::DMatrix;
 use nalgebra::DVector;
 use stage_controller::units::Axis;
 
@@ -21,6 +22,19 @@ const MOST_STEPS: usize = 60;
 const CONVERGED: f64 = 1e-3;
 /// Noise below which an estimate is not taken seriously, nm or nrad.
 pub(super) const LEAST_NOISE: f64 = 1e-3;
+
+/// A standard deviation of this share of what is possible does not tell whether a value is.
+const SIZEABLE: f64 = 0.1;
+
+/// Largest size of a constant that a machine file can hold, rad or um.
+fn limit(constant: Constant) -> f64 {
+    if constant.is_angle() { LARGEST_STATIC } else { FARTHEST_UM }
+}
+
+/// A stage can have it: a value in rad or um.
+pub(super) fn possible(constant: Constant, value: f64) -> bool {
+    value.abs() <= limit(constant)
+}
 
 /// Fits the constants to the measurements. `progress` is told what is being done.
 ///
@@ -83,6 +97,10 @@ pub(super) struct Fit<'a> {
     /// The value that was farthest from its file then.
     pub(super) farthest: Option<Farthest>,
     pub(super) solution: Option<Solution>,
+    /// Files of which no reading is an outlier but one whose residual is larger than this, nm or nrad.
+    pub(super) believed: Vec<Option<f64>>,
+    /// Warnings on the way, each with the number of its file.
+    pub(super) said: Vec<(usize, String)>,
 }
 
 impl<'a> Fit<'a> {
@@ -159,6 +177,8 @@ impl<'a> Fit<'a> {
             caution: vec![1.0; series.len()],
             farthest: None,
             solution: None,
+            believed: vec![None; series.len()],
+            said: Vec::new(),
         }
     }
 
@@ -277,12 +297,20 @@ impl<'a> Fit<'a> {
         Err(self.astray("the fit does not come to an end"))
     }
 
+    /// A value beyond what a stage can have, that may be a possible one as far as the measurements tell it.
+    pub(super) fn hardly_told(&self, constant: Constant, column: usize, covariance: &DMatrix<f64>) -> bool {
+        let most = limit(constant);
+        let value = constant.of(&self.state.machine) / per_unit(constant);
+        let sigma = covariance[(column, column)].sqrt() / per_unit(constant);
+        !possible(constant, value) && (value.abs() - 3.0 * sigma <= most || sigma > SIZEABLE * most)
+    }
+
     /// Refuses what no machine file can hold.
     pub(super) fn refuse_impossible(&self) -> Result<(), Refusal> {
         for (constant, column) in self.layout.constants.iter().zip(self.layout.constant_columns) {
-            let (unit, most) = if constant.is_angle() { ("rad", LARGEST_STATIC) } else { ("um", FARTHEST_UM) };
+            let (unit, most) = (if constant.is_angle() { "rad" } else { "um" }, limit(*constant));
             let value = constant.of(&self.state.machine) / per_unit(*constant);
-            if column.is_some() && (value.abs() > most || value.is_nan()) {
+            if column.is_some() && !possible(*constant, value) {
                 let what = format!(
                     "the fit ends at {constant} = {value:.4} {unit}, where no stage is (at most {most} {unit})"
                 );
@@ -297,7 +325,8 @@ impl<'a> Fit<'a> {
         let farthest = self.farthest_reading().map_or(String::new(), |reading| format!("; {reading}"));
         Refusal::Result(format!(
             "{what}: the measurements contradict each other or the nominal machine (order of the axes, fibre point, signs \
-             of the motors){farthest}"
+             of the motors){farthest}{}",
+            self.held()
         ))
     }
 }

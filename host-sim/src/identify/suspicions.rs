@@ -4,16 +4,17 @@
 //! the present solution. So a trial costs as much as a hundred readings do, whatever else was measured.
 
 use super::Refusal;
-use super::changes::Change;
-use super::fit::{Fit, LEAST_NOISE};
-use super::least_squares::Rows;
+use super::changes::{Change, pairs};
+use super::fit::{Fit, LEAST_NOISE, possible};
+use super::gauge::per_unit;
+use super::least_squares::{Rows, Solution};
 use super::observe::{Block, Observer, State};
 use super::outliers::huber;
 use super::series::{Kind, Series};
 use super::units::{Quantity, UNITS, Unit};
-use super::weights::{HOPELESS_NOISE, MEDIAN_SIZE, MOST_REJECTED};
+use super::weights::{HOPELESS_NOISE, MOST_REJECTED, robust_noise};
 use nalgebra::DVector;
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 use std::fmt::Write;
 
 /// A file whose residuals are less than this many times its stated noise is not suspected.
@@ -27,12 +28,20 @@ const EXPLAINS: f64 = 10.0;
 const CHANCE: f64 = 1e-4;
 /// Readings of a file that a trial looks at.
 const SAMPLE: usize = 100;
+/// A file that is read rightly shows at most this many times the noise it states, ...
+const FITS: f64 = 2.0;
+/// ... and, where it states none, this many times what good instruments show.
+const FITS_UNSTATED: f64 = 3.0;
+/// A backlash so many standard deviations below zero is none.
+const NO_PLAY: f64 = 3.0;
+/// One of several files is the misread one if its residuals fall by so much more than those of the next one.
+const CLEARLY: f64 = 3.0;
 /// Rounds of a trial, and of the search for a core.
 const ROUNDS: usize = 6;
 const CORE_ROUNDS: usize = 12;
 /// Fewer values than this have no median to speak of.
 const FEW: usize = 10;
-/// Other explanations up to so many times the residuals of the best one are named beside it.
+/// Other explanations up to so many times the residuals of the best one are as good: none of them is proven.
 const AS_GOOD: f64 = 1.5;
 
 /// In the core (within this many standard deviations of the stated noise), and far out.
@@ -72,15 +81,23 @@ fn good(kind: Kind) -> f64 {
     }
 }
 
-/// Residuals of a file are neither the noise stated nor errors of a stage: too large in both measures, or exactly as
-/// far from the noise as two units are.
+/// Residuals of a file are neither the noise stated nor errors of a stage: too large in both measures.
 pub(super) fn hopeless(file: &Series, shown: f64) -> bool {
-    let ratio = shown / file.noise.unwrap_or(f64::INFINITY);
-    ratio > HOPELESS_NOISE && (shown > believable(file.kind) || noise_unit(file, ratio).is_some())
+    shown > HOPELESS_NOISE * file.noise.unwrap_or(f64::INFINITY) && shown > believable(file.kind)
+}
+
+/// By what share of the noise stated the residuals must be larger before that noise is doubted: five standard deviations
+/// of a median of so many, and a little more where the worst of three small groups is looked at.
+pub(super) fn few_repeats(file: &Series) -> f64 {
+    let of_pair = |pair| file.readings.iter().filter(|reading| reading.pair == Some(pair)).count();
+    match (file.kind, pairs(file).into_iter().map(of_pair).min()) {
+        (Kind::Squareness, Some(least)) => 6.0 / (least as f64).sqrt(),
+        _ => 5.0 / (file.readings.len() as f64).sqrt(),
+    }
 }
 
 /// The two units that a noise stated so many times too small was confused with: real one and written one.
-fn noise_unit(file: &Series, ratio: f64) -> Option<(&'static str, &'static str)> {
+pub(super) fn noise_unit(file: &Series, ratio: f64) -> Option<(&'static str, &'static str)> {
     let alike = UNITS.iter().filter(|unit| unit.quantity == file.kind.quantity());
     alike.clone().flat_map(|real| alike.clone().map(move |written| (real, written))).find_map(|(real, written)| {
         let near = (real.size / written.size / ratio).ln().abs() < 0.2 && ratio > NOISE_UNIT;
@@ -123,6 +140,8 @@ struct Trial<'t, 'f> {
     moved: DVector<f64>,
     /// At `moved`: one for each reading of the sample.
     blocks: Vec<Block>,
+    /// Of the last step.
+    solution: Option<Solution>,
 }
 
 impl Trial<'_, '_> {
@@ -152,7 +171,9 @@ impl Trial<'_, '_> {
                 rows.push(&row, (block.residual[c] + already) * scale);
             }
         }
-        let step = rows.solve().step(0.0);
+        let solution = rows.solve();
+        let step = solution.step(0.0);
+        self.solution = Some(solution);
         for (column, value) in self.touched.iter().zip(step.iter()) {
             self.moved[*column] = *value;
         }
@@ -164,18 +185,39 @@ impl Trial<'_, '_> {
         self.blocks.iter().all(|block| block.residual.iter().all(|residual| residual.is_finite()))
     }
 
-    /// The noise that the residuals show, of the worst column; each divided by its factor.
-    fn spread(&self, factors: [f64; 3]) -> f64 {
-        let column = |c: usize| {
-            let mut sizes: Vec<f64> = self.blocks.iter().map(|block| (block.residual[c] / factors[c]).abs()).collect();
-            // squareness has a few readings of each of three pairs: a median would leave a pair alone
-            if sizes.len() < FEW || self.file.kind == Kind::Squareness {
-                return (sizes.iter().map(|size| size * size).sum::<f64>() / sizes.len() as f64).sqrt();
-            }
-            sizes.sort_by(f64::total_cmp);
-            sizes[sizes.len() / 2] / MEDIAN_SIZE
-        };
-        (0..self.file.kind.columns().len()).map(column).fold(0.0, f64::max)
+    /// The noise that the residuals show, of the worst column, nm or nrad.
+    fn spread(&self) -> f64 {
+        if self.blocks.len() < FEW && self.file.kind != Kind::Squareness {
+            let column = |c: usize| {
+                let squares: f64 = self.blocks.iter().map(|block| block.residual[c].powi(2)).sum();
+                (squares / self.blocks.len() as f64).sqrt()
+            };
+            return (0..self.file.kind.columns().len()).map(column).fold(0.0, f64::max);
+        }
+        let residuals: Vec<_> = self.sample.iter().zip(&self.blocks).map(|(k, block)| (*k, block.residual)).collect();
+        robust_noise(self.file, &residuals)
+    }
+
+    /// The stage that the trial ends at can be one, and all other files fit it as well as before.
+    fn believable(&self) -> bool {
+        let (fit, Some(solution)) = (self.fit, &self.solution) else { return false };
+        let machine = fit.moved(&self.moved).machine;
+        let mut constants = fit.layout.constants.iter().zip(fit.layout.constant_columns);
+        if constants.any(|(c, column)| column.is_some() && !possible(*c, c.of(&machine) / per_unit(*c))) {
+            return false;
+        }
+        let root = solution.root();
+        let negative = machine.drives.iter().zip(fit.layout.play_columns).any(|(drive, column)| {
+            let row = column.and_then(|column| self.touched.iter().position(|touched| *touched == column));
+            row.is_some_and(|row| drive.backlash < -NO_PLAY * root.row(row).norm())
+        });
+        let mut worse = 0.0;
+        self.others.clone().triangle(|row, right| {
+            let taken: f64 = row.iter().zip(self.touched).map(|(value, column)| value * self.moved[*column]).sum();
+            worse += (right - taken).powi(2) - right.powi(2);
+        });
+        let chance = ChiSquared::new(self.touched.len() as f64).map_or(0.0, |d| d.inverse_cdf(1.0 - CHANCE));
+        !negative && worse <= chance
     }
 
     /// Size of a reading's worst residual.
@@ -183,6 +225,16 @@ impl Trial<'_, '_> {
         let columns = self.file.kind.columns().len();
         self.blocks[n].residual[..columns].iter().fold(0.0_f64, |most, residual| most.max(residual.abs()))
     }
+}
+
+/// What explains a file that does not fit.
+struct Mistake {
+    index: usize,
+    /// How many times smaller the residuals become.
+    times: f64,
+    reason: String,
+    /// No other mistake explains it as well.
+    alone: bool,
 }
 
 /// A file on its own against the others.
@@ -240,88 +292,119 @@ impl<'f> Fit<'f> {
             sample: &case.sample,
             moved: DVector::zeros(self.layout.width),
             blocks: Vec::new(),
+            solution: None,
         };
         trial.look(&self.state);
         trial
     }
 
-    /// The noise that a file shows when it is read in some way. None where no fit is better than `enough`.
-    fn shown(&self, case: &Case, file: &Series, factors: [f64; 3], enough: f64) -> Option<f64> {
+    /// The noise that a file shows when it is read in some way, nm or nrad, and the trial it shows it in. None where no
+    /// fit is better than `enough`.
+    fn shown<'t>(&'t self, case: &'t Case, file: &'t Series, enough: f64) -> Option<(f64, Trial<'t, 'f>)> {
         let mut trial = self.trial(case, file);
         let mut least = f64::INFINITY;
         for round in 0..ROUNDS {
-            let noise = trial.spread([1.0; 3]).max(LEAST_NOISE);
+            let noise = trial.spread().max(LEAST_NOISE);
             let columns = file.kind.columns().len();
             let worst = |residual: &[f64; 3]| residual[..columns].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
             if !trial.step(|_, residual| huber(worst(residual) / noise), noise) {
                 return None;
             }
-            let now = trial.spread(factors);
+            let now = trial.spread();
             let done = now > 0.98 * least;
             least = least.min(now);
             if done || (round == 2 && least > enough) {
                 break;
             }
         }
-        (least < enough).then_some(least)
+        (least < enough).then_some((least, trial))
     }
 
-    /// What was mistaken in a file, if that makes it fit: the reason to refuse it, and how many times smaller the
-    /// residuals become.
-    fn mistake(&self, case: &Case) -> Option<(f64, String)> {
+    /// What was mistaken in a file, if that makes it fit as its noise says, on a stage that can be one.
+    fn mistake(&self, case: &Case) -> Option<Mistake> {
         let file = &self.series[case.index];
-        let before = self.shown(case, file, [1.0; 3], f64::INFINITY)?;
-        let quantity = file.kind.quantity();
+        let (before, _) = self.shown(case, file, f64::INFINITY)?;
         if before <= file.noise.map_or(good(file.kind), |stated| SUSPICIOUS * stated) || case.free < 1.0 {
             return None;
         }
         let chance = FisherSnedecor::new(case.free, case.free).ok()?.inverse_cdf(1.0 - CHANCE);
-        let enough = before / EXPLAINS.max(chance).sqrt();
         let tried = Change::all(file, &self.state.machine).into_iter().filter_map(|change| {
-            let factors = change.factors(file).map(f64::abs);
-            let after = self.shown(case, &change.applied(file), factors, enough)?;
-            // rotations can only be so far apart: divided by a large factor they would always fit
-            let real = after * factors.into_iter().fold(1.0, f64::max);
-            (real <= believable(file.kind)).then_some((after, change))
+            // a noise is written in the unit of the values, and mistaken with it
+            let unit = change.factors(file).into_iter().fold(1.0, |most: f64, factor| most.max(factor.abs()));
+            let fits = file.noise.map_or(FITS_UNSTATED * good(file.kind), |stated| FITS * stated * unit);
+            let changed = change.applied(file);
+            let (after, trial) = self.shown(case, &changed, fits.min(before / EXPLAINS.max(chance).sqrt()))?;
+            trial.believable().then_some((after, change))
         });
         let mut explains: Vec<(f64, Change)> = tried.collect();
         explains.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let least = explains.first()?.0;
+        let (least, best) = *explains.first()?;
         let same: Vec<String> =
             explains.iter().take_while(|(after, _)| *after <= AS_GOOD * least).map(|(_, c)| c.said(file)).collect();
-        // a factor of the values is one of what is left, too
-        let grown = explains[0].1.factors(file).into_iter().fold(0.0_f64, |most, factor| most.max(factor.abs()));
+        let quantity = file.kind.quantity();
         let mut reason = format!(
             "the readings fit with {}: residuals of {} become {}",
             same.join(", or with "),
             size(before, quantity),
-            size(least * grown.max(1.0), quantity)
+            size(least, quantity)
         );
-        if let Change::Unit(_, unit) | Change::AllUnit(unit) = explains[0].1 {
+        if let (Change::Unit(_, unit) | Change::AllUnit(unit), 1) = (best, same.len()) {
             let _ = write!(reason, "; they look like {} written as {}", unit.name, file.units[0].name);
         }
-        reason += "; correct the file";
-        Some((before / least.max(LEAST_NOISE), reason))
+        Some(Mistake { index: case.index, times: before / least.max(LEAST_NOISE), reason, alone: same.len() == 1 })
     }
 
-    fn refusal(&self, index: usize, reason: String) -> Refusal {
+    /// What is held on request, as another reason why something may not fit; nothing where nothing is.
+    pub(super) fn held(&self) -> String {
+        let name =
+            |(name, value): &(String, Option<f64>)| value.map_or(name.clone(), |value| format!("{name}={value}"));
+        let held: Vec<String> = self.options.hold.iter().map(name).collect();
+        if held.is_empty() {
+            return String::new();
+        }
+        format!(" (held on request: {}; a wrong value there shows in the files like this)", held.join(", "))
+    }
+
+    /// Refuses a file as misread. Where constants are held at values that somebody gave, those may be what is wrong: then
+    /// it is a warning.
+    pub(super) fn misread(&mut self, index: usize, reason: String) -> Result<(), Refusal> {
+        if self.options.hold.iter().any(|(_, value)| value.is_some()) {
+            self.doubt(index, &reason);
+            return Ok(());
+        }
         let file = &self.series[index];
-        Refusal::line(file, file.readings[0].line, reason)
+        Err(Refusal::line(file, file.readings[0].line, reason + &self.held()))
     }
 
-    /// Refuses the file that a mistake explains best, if there is one.
+    /// A warning, the last one of each file.
+    fn doubt(&mut self, index: usize, reason: &str) {
+        self.said.retain(|(of, _)| *of != index);
+        self.said.push((index, format!("{}: {reason}.", self.series[index].file)));
+    }
+
+    /// Refuses the file that a mistake explains, if one stands out; warns where several could be the one, or one could
+    /// be misread in several ways.
     pub(super) fn refuse_mistakes(&mut self, suspects: &[usize]) -> Result<(), Refusal> {
-        let mut best: Option<(f64, usize, String)> = None;
+        let mut found = Vec::new();
         for index in suspects {
             (self.progress)(&format!("looking for mistakes in {}", self.series[*index].file));
             let case = self.case(*index);
-            if let Some((times, reason)) = self.mistake(&case)
-                && best.as_ref().is_none_or(|(most, _, _)| times > *most)
-            {
-                best = Some((times, *index, reason));
-            }
+            found.extend(self.mistake(&case));
         }
-        best.map_or(Ok(()), |(_, index, reason)| Err(self.refusal(index, reason)))
+        found.sort_by(|a: &Mistake, b| b.times.total_cmp(&a.times));
+        let clear = match found.as_slice() {
+            [] => return Ok(()),
+            [best] => best.alone,
+            [best, next, ..] => best.alone && best.times > CLEARLY * next.times,
+        };
+        if clear {
+            let Mistake { index, reason, .. } = found.swap_remove(0);
+            return self.misread(index, reason + "; correct the file");
+        }
+        for Mistake { index, reason, .. } in found {
+            self.doubt(index, &format!("misread? {reason}; other files or other mistakes explain it as well"));
+        }
+        Ok(())
     }
 
     /// Files whose stated noise was not believed: misread, partly wrong, or noisy indeed. Those of which only some
@@ -341,13 +424,16 @@ impl<'f> Fit<'f> {
             // of few pairs read many times one pair may well stand apart: that is the stage, not its readings
             let (out, kept) =
                 if file.kind == Kind::Squareness { (None, false) } else { self.out_of_core(index, stated) };
-            if let Some(out) = out.filter(|out| *out as f64 > MOST_REJECTED * file.readings.len() as f64) {
+            let far = out.filter(|(out, off)| {
+                *out as f64 > MOST_REJECTED * file.readings.len() as f64 && *off > believable(file.kind)
+            });
+            if let (Kind::Fibre(_) | Kind::Orientation, Some((out, _))) = (file.kind, far) {
                 let reason = format!(
                     "{out} of {} readings do not fit the others of the file, which keep to its noise of {stated:.3} {unit}: \
                      look for what disturbed them, or leave them out",
                     file.readings.len()
                 );
-                return Err(self.refusal(index, reason));
+                self.misread(index, reason)?;
             }
             if kept {
                 self.estimated[index] = false;
@@ -357,21 +443,19 @@ impl<'f> Fit<'f> {
             let shown = self.noise[index];
             if hopeless(file, shown) {
                 let ratio = shown / stated;
-                let looks = noise_unit(file, ratio)
-                    .map_or(String::new(), |(real, written)| format!(" (it looks like {real} written as {written})"));
                 let reason = format!(
                     "the readings do not fit the other files: residuals of {shown:.1} {unit} are {ratio:.0} times the noise \
-                     stated, {stated:.3} {unit}{looks}; look for a wrong unit (of the noise too), sign, axis or point"
+                     stated, {stated:.3} {unit}; look for a wrong unit (of the noise too), sign, axis or point"
                 );
-                return Err(self.refusal(index, reason));
+                self.misread(index, reason)?;
             }
         }
         Ok(())
     }
 
-    /// Readings far out around a core that keeps to the stated noise; none without such a core. And whether the core
+    /// How many readings are far out around a core that keeps to the stated noise, and the median of how far, nm or nrad; none without such a core. And whether the core
     /// keeps to it so well that nothing is wrong with the noise.
-    fn out_of_core(&mut self, index: usize, stated: f64) -> (Option<usize>, bool) {
+    fn out_of_core(&mut self, index: usize, stated: f64) -> (Option<(usize, f64)>, bool) {
         let mut case = self.case(index);
         let count = self.series[index].readings.len();
         let columns = self.series[index].kind.columns().len();
@@ -405,7 +489,10 @@ impl<'f> Fit<'f> {
         let spread = (squares / (values * free_share).max(1.0)).sqrt();
         let gap = (out - far) as f64 <= GAP * far as f64 && 2 * core >= count;
         let kept = spread < 1.0 + 2.5 / values.sqrt() && out as f64 <= MOST_REJECTED * count as f64;
-        ((gap && spread < CORE_SPREAD).then_some(out), kept && (gap || out * 50 < count))
+        let mut off: Vec<f64> = sizes.into_iter().filter(|size| *size > CORE).map(|size| size * stated).collect();
+        off.sort_by(f64::total_cmp);
+        let off = off.get(off.len() / 2).copied().unwrap_or(0.0);
+        ((gap && spread < CORE_SPREAD).then_some((out, off)), kept && (gap || out * 50 < count))
     }
 
     /// Files that do not state their noise, and all where no reading is left out: misread, or noisier than can be.
@@ -431,7 +518,7 @@ impl<'f> Fit<'f> {
                     file.kind.name(),
                     smaller_unit(file, shown)
                 );
-                return Err(self.refusal(index, reason));
+                self.misread(index, reason)?;
             }
         }
         Ok(())

@@ -64,6 +64,14 @@ impl Fit<'_> {
         Err(Refusal::Undetermined { advice: self.advice(&undetermined), undetermined, hold })
     }
 
+    /// Positions of more than one point are measured.
+    fn second_point(&self) -> bool {
+        let points =
+            self.fitted().filter_map(|(_, file)| if let Kind::Fibre(point) = file.kind { Some(point) } else { None });
+        let points: Vec<_> = points.collect();
+        points.iter().any(|point| *point != points[0])
+    }
+
     fn advice(&self, undetermined: &[String]) -> String {
         let has = |kind: fn(&Kind) -> bool| self.fitted().any(|(_, file)| kind(&file.kind));
         let lacks = |start: &str| undetermined.iter().any(|name| name.starts_with(start));
@@ -73,6 +81,12 @@ impl Fit<'_> {
         } else if lacks("mount.fibre.rot") && !has(|kind| matches!(kind, Kind::Orientation)) {
             advice.push(
                 "measure the array's orientation (kind: orientation) or positions of two more of its points (point_um)"
+                    .to_string(),
+            );
+        } else if !has(|kind| matches!(kind, Kind::Orientation)) && !self.second_point() {
+            advice.push(
+                "positions of one point tell angles by its lever alone: measure with a longer lever, or also the \
+                 orientation (kind: orientation) or a second point (point_um)"
                     .to_string(),
             );
         } else if lacks("static") || lacks("axis_offset") || lacks("mount") {

@@ -1,11 +1,14 @@
 //! How much each reading counts: noise of the files, outliers.
 
 use super::Refusal;
+use super::changes::pairs;
 use super::fit::{Fit, LEAST_NOISE};
 use super::observe::{Block, Observer};
 use super::outliers::{huber, threshold};
-use super::series::Series;
+use super::series::{Kind, Series};
+use super::suspicions::{believable, few_repeats};
 use nalgebra::DMatrix;
+use stage_controller::units::Axis;
 
 /// Rounds in which unstated noise is estimated anew.
 const NOISE_ROUNDS: usize = 4;
@@ -29,6 +32,13 @@ const STILL_WILD: f64 = 100.0;
 pub(super) struct Left {
     pub residual: [f64; 3],
     pub leverage: [f64; 3],
+}
+
+impl Left {
+    /// The largest of a reading's residuals, nm or nrad.
+    fn size(&self, columns: usize) -> f64 {
+        self.residual[..columns].iter().fold(0.0, |most, residual| residual.abs().max(most))
+    }
 }
 
 impl Fit<'_> {
@@ -91,7 +101,7 @@ impl Fit<'_> {
             let free: f64 = values.iter().map(|(_, leverage)| (1.0 - leverage).max(0.0)).sum();
             let estimate = if robust {
                 // the fit has taken its share of the noise
-                robust_noise(file, &left[index]) * (values.len() as f64 / free.max(1.0)).sqrt()
+                robust_noise(file, &readings_of(&left[index])) * (values.len() as f64 / free.max(1.0)).sqrt()
             } else {
                 (values.iter().map(|(residual, _)| residual * residual).sum::<f64>() / free.max(1e-9)).sqrt()
             };
@@ -153,16 +163,20 @@ impl Fit<'_> {
             }
         }
         self.judge_doubted()?;
-        for _ in 0..MOST_ROUNDS {
-            let changed = self.weigh(|worst| if worst.abs() > limit { 0.0 } else { 1.0 });
-            self.refuse_strange_files(HOPELESS)?;
-            self.converge()?;
-            let noise_changed = self.noise_unknown() && self.estimate_noise(false);
-            if !changed && !noise_changed {
-                break;
+        loop {
+            for _ in 0..MOST_ROUNDS {
+                let changed = self.weigh(|worst| if worst.abs() > limit { 0.0 } else { 1.0 });
+                let strange = self.judge_strange_files(HOPELESS)?;
+                self.converge()?;
+                let noise_changed = self.noise_unknown() && self.estimate_noise(false);
+                if !changed && !noise_changed && !strange {
+                    break;
+                }
+            }
+            if !self.judge_strange_files(MOST_REJECTED)? {
+                return Ok(());
             }
         }
-        self.refuse_strange_files(MOST_REJECTED)
     }
 
     /// Files whose residuals altogether are larger than the noise stated are weighted by their residuals: no reading
@@ -172,9 +186,9 @@ impl Fit<'_> {
         let left = self.left(&self.root());
         let mut found = false;
         for (index, file) in self.fitted() {
-            let shown = robust_noise(file, &left[index]);
+            let shown = robust_noise(file, &readings_of(&left[index]));
             let ratio = shown / self.noise[index];
-            if self.estimated[index] || ratio < 1.0 + 5.0 / (file.readings.len() as f64).sqrt() {
+            if self.estimated[index] || ratio < 1.0 + few_repeats(file) {
                 continue;
             }
             self.estimated[index] = true;
@@ -184,23 +198,47 @@ impl Fit<'_> {
         found
     }
 
-    /// Refuses a file of which more than a share is left out.
-    fn refuse_strange_files(&mut self, share: f64) -> Result<(), Refusal> {
+    /// Files of which more than a share would be left out. Readings that no stage can show are refused; what a stage's
+    /// own errors can show is believed: then the noise is doubted, and the readings come back. Tells whether there are
+    /// such files.
+    fn judge_strange_files(&mut self, share: f64) -> Result<bool, Refusal> {
+        let mut found = false;
         for (index, file) in self.fitted() {
-            let rejected = self.weights[index].iter().filter(|weight| **weight == 0.0).count();
-            if rejected as f64 > share * file.readings.len() as f64 && rejected > 1 {
-                self.refuse_mistakes(&[index])?;
+            let out = self.weights[index].iter().filter(|weight| **weight == 0.0).count();
+            if out as f64 <= share * file.readings.len() as f64 || out <= 1 || self.believed[index].is_some() {
+                continue;
+            }
+            self.refuse_mistakes(&[index])?;
+            let left = &self.left(&self.root())[index];
+            let columns = file.kind.columns().len();
+            let most = believable(file.kind);
+            let beyond =
+                (0..left.len()).filter(|k| self.weights[index][*k] == 0.0 && left[*k].size(columns) > most).count();
+            let gross = 2 * beyond > out;
+            if gross {
                 let reason = format!(
-                    "{rejected} of {} readings do not fit the other files within a noise of {:.3} {}: look for a wrong \
+                    "{out} of {} readings do not fit the other files within a noise of {:.3} {}: look for a wrong \
                      unit, sign, axis or point, or a noise stated too small",
                     file.readings.len(),
                     self.noise[index],
                     file.kind.quantity().unit()
                 );
-                return Err(Refusal::line(file, file.readings[0].line, reason));
+                self.misread(index, reason)?;
             }
+            // the few beyond all belief stay outliers
+            let most = if gross { f64::INFINITY } else { most };
+            let inside = left.iter().filter(|left| left.size(columns) <= most);
+            let squares = inside.flat_map(|left| &left.residual[..columns]).map(|r| r * r);
+            let (count, sum) = squares.fold((0.0, 0.0), |(count, sum), square| (count + 1.0, sum + square));
+            self.noise[index] = (sum / f64::max(count, 1.0)).sqrt().max(LEAST_NOISE);
+            self.estimated[index] = true;
+            self.believed[index] = Some(most);
+            self.weights[index].iter_mut().zip(left).for_each(|(weight, left)| {
+                *weight = if left.size(columns) <= most { 1.0 } else { 0.0 };
+            });
+            found = true;
         }
-        Ok(())
+        Ok(found)
     }
 
     /// Gives every reading the weight of its worst value; tells whether one changed.
@@ -212,7 +250,18 @@ impl Fit<'_> {
                 let worst = self.worst(index, file, k, left).1;
                 // a wild one does not even pull at a robust fit
                 let still_wild = self.wild[index][k] && worst.abs() > STILL_WILD;
-                let now = if still_wild { 0.0 } else { weight(worst * self.caution[index]) };
+                let now = match (still_wild, weight(worst * self.caution[index]), self.believed[index]) {
+                    (true, _, _) => 0.0,
+                    (_, weight, None) => weight,
+                    (_, _, Some(most)) if left.size(file.kind.columns().len()) > most => 0.0,
+                    (_, weight, Some(_)) => {
+                        if weight > 0.0 {
+                            weight
+                        } else {
+                            1.0
+                        }
+                    }
+                };
                 changed |= now != self.weights[index][k];
                 self.weights[index][k] = now;
             }
@@ -236,12 +285,23 @@ impl Fit<'_> {
     }
 }
 
-/// Noise of a file from the median of the residuals, which outliers leave alone; of the worst of its columns.
-fn robust_noise(file: &Series, left: &[Left]) -> f64 {
-    let column = |c: usize| {
-        let mut sizes: Vec<f64> = left.iter().map(|left| left.residual[c].abs()).collect();
+/// All readings of a file with their residuals.
+fn readings_of(left: &[Left]) -> Vec<(usize, [f64; 3])> {
+    left.iter().map(|left| left.residual).enumerate().collect()
+}
+
+/// Noise of a file from the median of the residuals (of readings by their number), which outliers leave alone; of the
+/// worst of its columns. Squareness has a few readings of each of three pairs, and a median over all would not see a
+/// pair that stands apart: there each pair has its own, and the worst counts.
+pub(super) fn robust_noise(file: &Series, residuals: &[(usize, [f64; 3])]) -> f64 {
+    let of = |column: usize, pair: Option<(Axis, Axis)>| {
+        let of_pair = residuals.iter().filter(|(k, _)| pair.is_none() || file.readings[*k].pair == pair);
+        let mut sizes: Vec<f64> = of_pair.map(|(_, residual)| residual[column].abs()).collect();
         sizes.sort_by(f64::total_cmp);
-        sizes[sizes.len() / 2] / MEDIAN_SIZE
+        sizes.get(sizes.len().saturating_sub(1) / 2).map_or(0.0, |size| size / MEDIAN_SIZE)
     };
-    (0..file.kind.columns().len()).map(column).fold(0.0, f64::max)
+    if file.kind == Kind::Squareness {
+        return pairs(file).into_iter().map(|pair| of(0, Some(pair))).fold(0.0, f64::max);
+    }
+    (0..file.kind.columns().len()).map(|column| of(column, None)).fold(0.0, f64::max)
 }
