@@ -34,9 +34,10 @@ impl Fit<'_> {
             let limit = constant.map(|i| if self.layout.constants[i].is_angle() { VAGUE_ANGLE } else { VAGUE_LENGTH });
             limit.is_some_and(|limit| covariance[(column, column)].sqrt() > share * limit)
         };
+        let beyond_belief = self.beyond_belief();
         let beyond = |column: usize| {
             let constant = self.layout.constant_columns.iter().position(|c| *c == Some(column));
-            constant.is_some_and(|i| self.hardly_told(self.layout.constants[i], column, &covariance))
+            !beyond_belief && constant.is_some_and(|i| self.hardly_told(self.layout.constants[i], column, &covariance))
         };
         self.refuse(&solution.null_space(), |column| vague_of(&alone, column, 1.0) || beyond(column))?;
         self.refuse_impossible()?;

@@ -330,10 +330,14 @@ impl<'f> Fit<'f> {
         let chance = FisherSnedecor::new(case.free, case.free).ok()?.inverse_cdf(1.0 - CHANCE);
         let tried = Change::all(file, &self.state.machine).into_iter().filter_map(|change| {
             // a noise is written in the unit of the values, and mistaken with it
-            let unit = change.factors(file).into_iter().fold(1.0, |most: f64, factor| most.max(factor.abs()));
+            let factors = change.factors(file).map(f64::abs);
+            let unit = factors.into_iter().fold(1.0, f64::max);
+            // whatever is read in a smaller unit has smaller residuals: they must be smaller as written, too
+            let smaller = factors.into_iter().fold(1.0, f64::min);
             let fits = file.noise.map_or(FITS_UNSTATED * good(file.kind), |stated| FITS * stated * unit);
             let changed = change.applied(file);
-            let (after, trial) = self.shown(case, &changed, fits.min(before / EXPLAINS.max(chance).sqrt()))?;
+            let (after, trial) =
+                self.shown(case, &changed, fits.min(smaller * before / EXPLAINS.max(chance).sqrt()))?;
             trial.believable().then_some((after, change))
         });
         let mut explains: Vec<(f64, Change)> = tried.collect();

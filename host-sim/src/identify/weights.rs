@@ -68,6 +68,17 @@ impl Fit<'_> {
         all
     }
 
+    /// Files of which what is not left out shows more than is believed of their kind: the state is none of a stage.
+    pub(super) fn beyond_belief(&self) -> bool {
+        let left = self.left(&self.root());
+        self.fitted().any(|(index, file)| {
+            let columns = file.kind.columns().len();
+            let kept = left[index].iter().zip(&self.weights[index]).filter(|(_, weight)| **weight > 0.0);
+            let (count, sum) = kept.fold((0.0, 0.0), |(n, sum), (left, _)| (n + 1.0, sum + left.size(columns).powi(2)));
+            sum > count * believable(file.kind).powi(2)
+        })
+    }
+
     pub(super) fn root(&self) -> DMatrix<f64> {
         self.solution.as_ref().expect("the fit has converged").root()
     }
