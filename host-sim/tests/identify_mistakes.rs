@@ -123,9 +123,9 @@ fn columns_that_were_exchanged_are_named() {
 }
 
 #[test]
-fn readings_of_which_a_third_is_wrong_are_refused_with_their_number() {
+fn readings_of_which_a_third_is_grossly_wrong_are_refused_with_their_number() {
     let paper = Machine::paper();
-    for (size, columns) in [(5.0, 3), (50.0, 3), (5.0, 1)] {
+    for (size, columns) in [(20.0, 3), (50.0, 3), (50.0, 1), (5.0, 3), (5.0, 1)] {
         let mut wrong = 0;
         let mut dice = Dice::new(8);
         let text = measure(&paper, &stated()).into_iter().find(|file| file.file == "fibre.csv").unwrap().text;
@@ -136,6 +136,11 @@ fn readings_of_which_a_third_is_wrong_are_refused_with_their_number() {
             }
         });
         let said = fit(&paper, &stated(), "fibre.csv", |_| spoiled.clone());
+        if size < 10.0 {
+            // errors of a stage can be as large: the file is believed less, and that is said
+            says(&said, &["accepted", "fibre.csv: the residuals are", "times the noise stated"]);
+            continue;
+        }
         says(
             &said,
             &["fibre.csv:", " of 300 readings do not fit the others of the file, which keep to its noise of 50"],
