@@ -3,7 +3,7 @@
 mod stage;
 
 use host_sim::identify::{Constant, Identification, Options, identify, parse};
-use host_sim::machine::{Machine, StaticErrors};
+use host_sim::machine::{ErrorName, Function, Machine, StaticErrors};
 use host_sim::measure::{Settings, measure, nominal};
 use stage::Dice;
 use stage_controller::units::Axis;
@@ -277,4 +277,69 @@ fn mistakes_in_the_files_of_random_stages_are_named() {
     }
     println!("figure: of 80 mistakes {named} refused with the right name, {warned} only warned of");
     assert!(named >= 77 && named + warned == 80);
+}
+
+fn long_lever() -> Machine {
+    Machine::parse(include_str!("../machines/long-lever.toml")).expect("a machine")
+}
+
+/// Where an axis ends, in the unit of its kinematic errors (um or deg).
+fn reach(machine: &Machine, axis: Axis) -> f64 {
+    let unit = if axis.is_rotary() { std::f64::consts::PI / 180.0 * 1e9 } else { 1e3 };
+    machine.drives[axis.index()].travel[1] / unit
+}
+
+/// A straightness of 0.5 um over 12.5 mm makes one of three squares wrong: that is the stage.
+#[test]
+fn a_pair_of_axes_that_stands_apart_is_warned_of_and_not_refused() {
+    let mut truth = long_lever();
+    let end = reach(&truth, Axis::X);
+    let name = ErrorName::all().find(|name| name.iso() == "EYX").expect("a straightness of X");
+    truth.kinematic.set(name, Function::new(vec![0.0, 0.0, 0.0, 0.5 / end.powi(3)], vec![], vec![]).unwrap());
+    let result = fit(&truth, &settings(true, 1), "", str::to_string).unwrap();
+    let warned = |word: &str| result.warnings.iter().any(|warning| warning.starts_with(word));
+    assert!(warned("squareness.csv: the residuals are"), "{:?}", result.warnings);
+    let file = result.files.iter().find(|file| file.file == "squareness.csv").unwrap();
+    assert!(file.rejected == 0 && !file.noise_stated, "{file:?}");
+}
+
+/// All 36 errors of a stage at once, smooth and of ordinary size, with and without stated noise.
+#[test]
+fn stages_with_all_errors_that_stages_have_are_never_refused() {
+    let mut dice = Dice::new(36);
+    let mut warned = 0;
+    for seed in 0..60 {
+        let mut truth = if seed % 2 == 0 { long_lever() } else { Machine::paper() };
+        truth.statics = StaticErrors::from_values([0.0; 9].map(|_| dice.between(-1e-3, 1e-3)));
+        let (length, angle) = if seed % 4 < 2 { (0.5, 20e-6) } else { (0.2, 5e-6) };
+        for name in ErrorName::all() {
+            let size = if name.component.is_angular() { angle } else { length };
+            let end = reach(&truth, name.axis);
+            let mut poly = vec![0.0, 0.0];
+            poly.extend([2, 3].map(|power| dice.between(-size, size) / 2.0_f64.sqrt() / end.powi(power)));
+            truth.kinematic.set(name, Function::new(poly, vec![], vec![]).unwrap());
+        }
+        let result = fit(&truth, &settings(seed % 5 != 0, seed), "", str::to_string);
+        let result = result.unwrap_or_else(|said| panic!("{seed}: {said}"));
+        assert!(!result.warnings.iter().any(|warning| warning.contains("misread")), "{seed}: {:?}", result.warnings);
+        warned += usize::from(!result.warnings.is_empty());
+    }
+    println!("figure: of 60 stages with position-dependent errors 0 refused, {warned} warned of");
+    assert!(warned > 50);
+}
+
+#[test]
+fn a_distance_of_the_other_sign_is_no_explanation_of_a_square_that_is_wrong() {
+    let paper = Machine::paper();
+    for seed in 0..5 {
+        let said = fit(&paper, &settings(true, seed), "squareness.csv", |text| times(text, &["measured_urad"], -1.0));
+        says(&said, &["squareness.csv:", "measured_urad of the other sign"]);
+    }
+}
+
+#[test]
+fn exchanged_columns_of_values_are_named_by_the_motion_already() {
+    let exchanged = |text: &str| rows(text, |_, fields| fields.swap(6, 7));
+    let said = fit(&Machine::paper(), &stated(), "fibre.csv", exchanged);
+    says(&said, &["fibre.csv:8:", "x_um does not follow the machine's motion", "x_um and y_um exchanged"]);
 }

@@ -460,7 +460,10 @@ fn units_mixed_up_are_told_by_their_scale() {
     let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_um: 50"));
     says(&said, &["accepted", "fibre.csv: the residuals are", "times smaller than the noise stated"]);
     let said = complaint("fibre.csv", |t| t.replace("noise_um: 0.05", "noise_nm: 0.05"));
-    says(&said, &["accepted", "fibre.csv: the residuals are", "times the noise stated", "it looks like um written as nm"]);
+    says(
+        &said,
+        &["accepted", "fibre.csv: the residuals are", "times the noise stated", "it looks like um written as nm"],
+    );
     // a lead that is not quite right is no unit
     let said = complaint("positioning-X.csv", |t| scaled(t, 3, 1.003));
     says(&said, &["accepted", "X moves 30", "ppm more than commanded"]);
