@@ -21,7 +21,7 @@ use stage_controller::units::Axis;
 const MOST_STEPS: usize = 60;
 /// A step below this many standard deviations ends the fit.
 const CONVERGED: f64 = 1e-3;
-/// Noise below which an estimate is not taken seriously, nm or nrad.
+/// Noise below which an estimate is not taken seriously, and no file may state it, nm or nrad.
 pub(super) const LEAST_NOISE: f64 = 1e-3;
 
 /// Fits the constants to the measurements. `progress` is told what is being done.

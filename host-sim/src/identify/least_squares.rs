@@ -88,7 +88,7 @@ impl Rows {
         }
         let svd = factor.svd(true, true);
         let (u, vt) = (svd.u.expect("asked for"), svd.v_t.expect("asked for"));
-        Solution { scale, values: svd.singular_values, turned: u.tr_mul(&right), vt, rows: self.count }
+        Solution { scale, values: svd.singular_values, turned: u.tr_mul(&right), vt }
     }
 }
 
@@ -139,8 +139,6 @@ pub struct Solution {
     values: DVector<f64>,
     turned: DVector<f64>,
     vt: DMatrix<f64>,
-    /// Rows that came in.
-    pub rows: usize,
 }
 
 impl Solution {
