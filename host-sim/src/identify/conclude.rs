@@ -1,10 +1,11 @@
 //! From a fit that has converged to its result.
 
 use super::Refusal;
+use super::bordered::Joint;
 use super::constants::{CONSTANTS, backlash_name};
+use super::covariance::Covariance;
 use super::fit::Fit;
 use super::gauge::{Gauge, per_unit};
-use super::least_squares::Solution;
 use super::result::{Estimate, FileSummary, Identification, Outlier, Residual};
 use super::reversal::Runs;
 use super::suspicions::noise_unit;
@@ -26,9 +27,14 @@ impl Fit<'_> {
     ) -> Result<Identification, Refusal> {
         let solution = self.solution.as_ref().expect("the fit has converged");
         let student = self.student();
-        let alone = self.with_student(solution.covariance(), &student);
-        let widening = self.widening(&alone);
-        let covariance = widening.as_ref().map_or_else(|| alone.clone(), |widening| &alone + &widening.added);
+        let by_noise = self.with_student(solution, &student);
+        let widening = self.widening(solution);
+        let mut widened = by_noise.clone();
+        if let Some(widening) = &widening {
+            widened.common += &widening.added.common;
+            widened.files.iter_mut().zip(&widening.added.files).for_each(|(block, added)| *block += added);
+        }
+        let (alone, covariance) = (&by_noise.common, &widened.common);
         let vague_of = |covariance: &DMatrix<f64>, column: usize, share: f64| {
             let constant = self.layout.constant_columns.iter().position(|c| *c == Some(column));
             let limit = constant.map(|i| if self.layout.constants[i].is_angle() { VAGUE_ANGLE } else { VAGUE_LENGTH });
@@ -37,15 +43,15 @@ impl Fit<'_> {
         let beyond_belief = self.beyond_belief();
         let beyond = |column: usize| {
             let constant = self.layout.constant_columns.iter().position(|c| *c == Some(column));
-            !beyond_belief && constant.is_some_and(|i| self.hardly_told(self.layout.constants[i], column, &covariance))
+            !beyond_belief && constant.is_some_and(|i| self.hardly_told(self.layout.constants[i], column, covariance))
         };
-        self.refuse(&solution.null_space(), |column| vague_of(&alone, column, 1.0) || beyond(column))?;
+        self.refuse(&solution.null_space(), |column| vague_of(alone, column, 1.0) || beyond(column))?;
         self.refuse_impossible()?;
         let columns: Vec<Option<usize>> =
             self.layout.constant_columns.iter().chain(&self.layout.play_columns).copied().collect();
         let mut machine = gauge.start.clone();
         let mut warnings: Vec<String> = widening.iter().flat_map(|widening| widening.warnings.clone()).collect();
-        warnings.extend(self.agreement(&runs, &alone, &covariance)?);
+        warnings.extend(self.agreement(&runs, alone, covariance)?);
         warnings.splice(0..0, self.said.iter().map(|(_, said)| said.clone()));
         // what does not fit may be what is held
         let held = self.held();
@@ -65,10 +71,10 @@ impl Fit<'_> {
                 None => machine.drives[i - CONSTANTS].backlash,
             };
             let sigma_of = |from: &DMatrix<f64>| column.map_or(0.0, |column| from[(column, column)].sqrt()) / per_unit;
-            let (sigma, noise_sigma) = (sigma_of(&covariance), sigma_of(&alone));
+            let (sigma, noise_sigma) = (sigma_of(covariance), sigma_of(alone));
             let value = if column.is_some() { of(&self.state.machine) / per_unit } else { of(&machine) / per_unit };
             if let Some(column) = column {
-                if vague_of(&covariance, *column, 0.1) {
+                if vague_of(covariance, *column, 0.1) {
                     warnings.push(format!(
                         "{name} is only known to {sigma:.2e} {unit}: these measurements hardly show it."
                     ));
@@ -144,7 +150,7 @@ impl Fit<'_> {
             warnings,
             machine,
         };
-        self.files(&mut result, runs, &covariance, &student, widening.is_some());
+        self.files(&mut result, runs, &widened, &student, widening.is_some());
         Ok(result)
     }
 
@@ -153,11 +159,11 @@ impl Fit<'_> {
         &self,
         result: &mut Identification,
         runs: Vec<Option<Runs>>,
-        covariance: &DMatrix<f64>,
+        covariance: &Covariance,
         student: &[Option<(f64, f64)>],
         widened: bool,
     ) {
-        let left = self.left(&self.root());
+        let left = self.left(self.joint());
         let (mut chi_square, mut counted, mut run_dof) = (0.0, 0, 0);
         for (index, (file, runs)) in self.series.iter().zip(runs).enumerate() {
             let mut noise = self.noise[index];
@@ -197,8 +203,7 @@ impl Fit<'_> {
             let here = result.residuals[residuals_before..].iter().filter(|residual| !residual.rejected);
             let (count, squares) = here.fold((0usize, 0.0), |(n, sum), r| (n + 1, sum + r.value * r.value));
             let own = self.own[index].iter().enumerate().map(|(k, nuisance)| {
-                let column = self.layout.first[index] + k;
-                (nuisance.name.clone(), self.state.own[index][k], covariance[(column, column)].sqrt())
+                (nuisance.name.clone(), self.state.own[index][k], covariance.own(index, k).sqrt())
             });
             result.files.push(FileSummary {
                 file: file.file.clone(),
@@ -211,14 +216,14 @@ impl Fit<'_> {
                 noise_freedom: student[index].map(|(freedom, _)| freedom),
                 student_factor: student[index].map_or(1.0, |(_, factor)| factor),
                 rms: (squares / count.max(1) as f64).sqrt(),
-                nuisances: self.zeros(index, covariance).into_iter().chain(own).collect(),
+                nuisances: self.zeros(index, &covariance.files[index]).into_iter().chain(own).collect(),
             });
         }
         for prior in &self.priors {
             chi_square += ((prior.value - self.value(&self.state, prior.column)) / prior.sigma).powi(2);
         }
         // what is known beforehand counts like a measurement
-        let fitted = self.solution.as_ref().map_or(0, Solution::rank) + self.zeros_told();
+        let fitted = self.solution.as_ref().map_or(0, Joint::rank) + self.zeros_told();
         let dof = (counted + self.priors.len()).saturating_sub(fitted) + run_dof;
         result.chi_square = chi_square;
         result.degrees_of_freedom = dof;

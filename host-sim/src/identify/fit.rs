@@ -1,10 +1,12 @@
 //! The fit of all files together: the linear system, least squares, Levenberg-Marquardt.
 
+use super::bordered::{Bordered, Joint};
 use super::checks;
 use super::constants::Constant;
+use super::evaluated::Evaluated;
 use super::gauge::{Gauge, gauge, per_unit};
-use super::least_squares::{Rows, Solution};
-use super::observe::{Block, Layout, Nuisance, Observer, State, nuisances};
+use super::least_squares::Rows;
+use super::observe::{Layout, Nuisance, State, nuisances};
 use super::result::Identification;
 use super::reversal::{Runs, reversal, warn_of_one_way};
 use super::series::{Kind, Series};
@@ -20,7 +22,7 @@ use stage_controller::units::Axis;
 const MOST_STEPS: usize = 60;
 /// A step below this many standard deviations ends the fit.
 const CONVERGED: f64 = 1e-3;
-/// Noise below which an estimate is not taken seriously, nm or nrad.
+/// Noise below which an estimate is not taken seriously, and no file may state it, nm or nrad.
 pub(super) const LEAST_NOISE: f64 = 1e-3;
 
 /// A standard deviation of this share of what is possible does not tell whether a value is.
@@ -76,6 +78,9 @@ pub(super) struct Prior {
     pub sigma: f64,
 }
 
+/// Rows of the common columns with their right-hand sides.
+pub(super) type Told = Vec<(Vec<f64>, f64)>;
+
 /// A fit on its way.
 pub(super) struct Fit<'a> {
     pub(super) series: &'a [Series],
@@ -96,7 +101,8 @@ pub(super) struct Fit<'a> {
     pub(super) caution: Vec<f64>,
     /// The value that was farthest from its file then.
     pub(super) farthest: Option<Farthest>,
-    pub(super) solution: Option<Solution>,
+    pub(super) solution: Option<Joint>,
+    pub(super) evaluated: Evaluated,
     /// Files of which no reading is an outlier but one whose residual is larger than this, nm or nrad.
     pub(super) believed: Vec<Option<f64>>,
     /// Warnings on the way, each with the number of its file.
@@ -179,6 +185,7 @@ impl<'a> Fit<'a> {
             solution: None,
             believed: vec![None; series.len()],
             said: Vec::new(),
+            evaluated: Evaluated::default(),
         }
     }
 
@@ -189,48 +196,61 @@ impl<'a> Fit<'a> {
 
     /// Columns that the rows of a file can touch: all constants and plays, and its own.
     pub(super) fn touched(&self, index: usize) -> Vec<usize> {
-        let common = self.layout.first.first().copied().unwrap_or(self.layout.width);
         let first = self.layout.first[index];
-        (0..common).chain(first..first + self.own[index].len()).collect()
+        (0..self.layout.common()).chain(first..first + self.own[index].len()).collect()
     }
 
     /// The linear system at a state, and its weighted sum of squares.
-    pub(super) fn assemble(&self, state: &State) -> (Rows, f64) {
-        let mut rows = Rows::new(self.layout.width);
+    pub(super) fn assemble(&self, state: &State) -> (Bordered, f64) {
+        let (system, _, cost) = self.assemble_with_parts(state, &self.noise);
+        (system, cost)
+    }
+
+    /// The same with the noise that is given, and what each file and the priors on common columns (last) tell these.
+    pub(super) fn assemble_with_parts(&self, state: &State, noise: &[f64]) -> (Bordered, Vec<Told>, f64) {
+        let common = self.layout.common();
+        let mut system = Bordered::new(&self.layout.first, common, self.layout.width);
+        let mut parts = vec![Told::new(); self.series.len() + 1];
         let mut cost = 0.0;
-        let mut block = Block::new(self.layout.width);
-        let mut whole = vec![0.0; self.layout.width];
         for (index, file) in self.fitted() {
-            let observer = Observer::new(&self.layout, state, file, index, self.options.drift, &self.weights[index]);
-            // a triangle of its own, without the columns of other files
-            let touched = self.touched(index);
-            let mut own = Rows::new(touched.len());
-            let mut row = vec![0.0; touched.len()];
-            for (k, weight) in self.weights[index].iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
-                observer.fill(k, &mut block);
-                let scale = weight.sqrt() / self.noise[index];
+            let own = self.own[index].len();
+            let mut rows = Rows::new(own + common);
+            let mut row = vec![0.0; own + common];
+            self.each_reading(state, index, |k, block| {
+                let weight = self.weights[index][k];
+                if weight <= 0.0 {
+                    return;
+                }
+                let scale = weight.sqrt() / noise[index];
                 for c in 0..file.kind.columns().len() {
-                    row.iter_mut().zip(&touched).for_each(|(value, column)| *value = block.rows[c][*column] * scale);
+                    // what is eliminated comes first
+                    let values = block.rows[c][common..].iter().chain(&block.rows[c][..common]);
+                    row.iter_mut().zip(values).for_each(|(entry, value)| *entry = value * scale);
                     let right = block.residual[c] * scale;
                     cost += right * right;
-                    own.push(&row, right);
+                    rows.push(&row, right);
                 }
-            }
-            own.triangle(|row, right| {
-                whole.fill(0.0);
-                touched.iter().zip(row).for_each(|(column, value)| whole[*column] = *value);
-                rows.push(&whole, right);
             });
+            let first = self.layout.first[index];
+            for prior in self.priors.iter().filter(|prior| (first..first + own).contains(&prior.column)) {
+                row.fill(0.0);
+                row[prior.column - first] = 1.0 / prior.sigma;
+                let right = (prior.value - self.value(state, prior.column)) / prior.sigma;
+                cost += right * right;
+                rows.push(&row, right);
+            }
+            parts[index] = system.add(index, rows);
         }
-        let mut row = vec![0.0; self.layout.width];
-        for prior in &self.priors {
+        let mut row = vec![0.0; common];
+        for prior in self.priors.iter().filter(|prior| prior.column < common) {
             row[prior.column] = 1.0 / prior.sigma;
             let right = (prior.value - self.value(state, prior.column)) / prior.sigma;
             cost += right * right;
-            rows.push(&row, right);
+            system.push(&row, right);
+            parts[self.series.len()].push((row.clone(), right));
             row[prior.column] = 0.0;
         }
-        (rows, cost)
+        (system, parts, cost)
     }
 
     pub(super) fn value(&self, state: &State, column: usize) -> f64 {
@@ -278,7 +298,7 @@ impl<'a> Fit<'a> {
             let length = solution.sigmas(&step);
             let first = *first.get_or_insert(length);
             // residuals larger than the stated noise make every step of theirs larger too
-            let scale = (cost / solution.rows.max(1) as f64).sqrt().max(1.0);
+            let scale = (cost / solution.rows().max(1) as f64).sqrt().max(1.0);
             if length < CONVERGED * scale {
                 self.solution = Some(solution);
                 return Ok(first);

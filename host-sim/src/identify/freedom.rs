@@ -1,8 +1,9 @@
 //! Noise that is told by few readings: refused where it is hardly told, widened for where it is told by some.
 
 use super::Refusal;
+use super::bordered::Joint;
+use super::covariance::{Covariance, Products};
 use super::fit::Fit;
-use super::observe::{Block, Observer};
 use super::series::Series;
 use nalgebra::DMatrix;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
@@ -19,8 +20,8 @@ impl Fit<'_> {
     }
 
     /// Degrees of freedom that the fit leaves to each file: values less their leverages.
-    fn freedom(&self, root: &DMatrix<f64>) -> Vec<f64> {
-        let left = self.left(root);
+    fn freedom(&self, joint: &Joint) -> Vec<f64> {
+        let left = self.left(joint);
         let mut freedom = vec![0.0; self.series.len()];
         for (index, file) in self.fitted() {
             let kept = left[index].iter().zip(&self.weights[index]).filter(|(_, weight)| **weight > 0.0);
@@ -35,7 +36,7 @@ impl Fit<'_> {
         if !self.fitted().any(|(index, _)| self.unstated(index)) {
             return Ok(());
         }
-        let freedom = self.freedom(&self.assemble(&self.state).0.solve().root());
+        let freedom = self.freedom(&self.assemble(&self.state).0.solve());
         for (index, file) in self.fitted().filter(|(index, _)| self.unstated(*index)) {
             if freedom[index] < LEAST {
                 let (count, columns) = (file.readings.len(), file.kind.columns().len() as f64);
@@ -56,12 +57,8 @@ impl Fit<'_> {
     /// stands for that of Student's distribution; 0 where the fit takes so much of the file that its residuals cannot
     /// tell which reading is wrong. Wild ones are left out all the same.
     pub(super) fn caution(&self, limit: f64) -> Vec<f64> {
-        let freedom = self.freedom(&self.root());
-        let inside = Normal::standard().cdf(limit);
-        let factor = |free: f64| {
-            let student = StudentsT::new(0.0, 1.0, free.max(1.0)).expect("a positive number of degrees of freedom");
-            (limit / student.inverse_cdf(inside)).min(1.0)
-        };
+        let freedom = self.freedom(self.joint());
+        let factor = |free: f64| (1.0 / student_factor(free, limit)).min(1.0);
         let of = |(index, file): (usize, &Series)| {
             let values = (file.readings.len() * file.kind.columns().len()) as f64;
             match self.unstated(index) {
@@ -76,36 +73,52 @@ impl Fit<'_> {
     /// Of each file that states no noise: degrees of freedom that tell it, and the factor by which its share of the
     /// uncertainties is widened, so that three sigma hold what three sigma of known noise would (Student).
     pub(super) fn student(&self) -> Vec<Option<(f64, f64)>> {
-        let freedom = self.freedom(&self.root());
-        let inside = Normal::standard().cdf(3.0);
-        let factor = |free: f64| {
-            let student = StudentsT::new(0.0, 1.0, free.max(1.0)).expect("a positive number of degrees of freedom");
-            student.inverse_cdf(inside) / 3.0
-        };
+        let freedom = self.freedom(self.joint());
+        let factor = |free: f64| student_factor(free, 3.0);
         let of = |index: usize| (freedom[index] > 0.0).then(|| (freedom[index], factor(freedom[index])));
         (0..self.series.len()).map(|index| if self.unstated(index) { of(index) } else { None }).collect()
     }
 
     /// The covariance with the share of each such file widened.
-    pub(super) fn with_student(&self, covariance: DMatrix<f64>, student: &[Option<(f64, f64)>]) -> DMatrix<f64> {
-        let mut widened = covariance.clone();
-        let mut block = Block::new(self.layout.width);
+    pub(super) fn with_student(&self, joint: &Joint, student: &[Option<(f64, f64)>]) -> Covariance {
+        let mut covariance = Covariance::new(joint, self.series.len());
+        let common = self.layout.common();
+        // of each such file what it adds to its own block
+        let mut added: Vec<Option<DMatrix<f64>>> = vec![None; self.series.len()];
+        let mut to_common = DMatrix::zeros(common, common);
         for (index, file) in self.fitted() {
             let Some((_, factor)) = student[index] else { continue };
-            let touched = self.touched(index);
-            let observer =
-                Observer::new(&self.layout, &self.state, file, index, self.options.drift, &self.weights[index]);
-            let mut normal = DMatrix::zeros(touched.len(), touched.len());
-            for (k, weight) in self.weights[index].iter().enumerate().filter(|(_, weight)| **weight > 0.0) {
-                observer.fill(k, &mut block);
-                for row in &block.rows[..file.kind.columns().len()] {
-                    let row = nalgebra::DVector::from_fn(touched.len(), |i, _| row[touched[i]]);
-                    normal.ger(weight / self.noise[index].powi(2), &row, &row, 1.0);
+            let mut products = Products::new(self.touched(index).len());
+            self.each_reading(&self.state, index, |k, block| {
+                let scale = self.weights[index][k].sqrt() / self.noise[index];
+                for row in block.rows[..file.kind.columns().len()].iter().filter(|_| scale > 0.0) {
+                    products.push(row.iter().map(|value| value * scale));
                 }
-            }
-            let gain = DMatrix::from_fn(covariance.nrows(), touched.len(), |i, j| covariance[(i, touched[j])]);
-            widened += (factor * factor - 1.0) * (&gain * normal * gain.transpose());
+            });
+            let own = &covariance.files[index];
+            let more = (factor * factor - 1.0) * (own * products.sum() * own);
+            to_common += more.view((0, 0), (common, common));
+            added[index] = Some(more);
         }
-        widened
+        if added.iter().all(Option::is_none) {
+            return covariance;
+        }
+        for (index, block) in covariance.files.iter_mut().enumerate() {
+            let mut of_others = to_common.clone();
+            if let Some(more) = &added[index] {
+                of_others -= more.view((0, 0), (common, common));
+                *block += more;
+            }
+            let follow = joint.follow(index);
+            *block += &follow * of_others * follow.transpose();
+        }
+        covariance.common += to_common;
+        covariance
     }
+}
+
+/// By how much a limit in standard deviations grows when so many degrees of freedom tell the standard deviation.
+pub(super) fn student_factor(freedom: f64, limit: f64) -> f64 {
+    let student = StudentsT::new(0.0, 1.0, freedom.max(1.0)).expect("a positive number of degrees of freedom");
+    student.inverse_cdf(Normal::standard().cdf(limit)) / limit
 }

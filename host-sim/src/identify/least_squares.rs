@@ -19,7 +19,7 @@ impl Rows {
     /// No rows yet.
     pub fn new(unknowns: usize) -> Self {
         let width = unknowns + 1;
-        Rows { unknowns, stack: DMatrix::zeros(width + 256, width), filled: width, count: 0 }
+        Rows { unknowns, stack: DMatrix::zeros(width + 256, width), filled: 0, count: 0 }
     }
 
     /// Adds one row.
@@ -36,39 +36,98 @@ impl Rows {
     }
 
     fn fold(&mut self) {
-        let width = self.unknowns + 1;
-        let r = self.stack.rows(0, self.filled).clone_owned().qr().r();
-        self.stack.fill(0.0);
-        self.stack.view_mut((0, 0), (width, width)).copy_from(&r);
-        self.filled = width;
+        let r = triangular(self.stack.rows(0, self.filled).clone_owned());
+        self.stack.view_mut((0, 0), r.shape()).copy_from(&r);
+        self.filled = r.nrows();
+    }
+
+    /// Rows that came in.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Rows that stand for all that came in, at most as many as unknowns; the right-hand side is the last column.
+    pub fn into_triangle(mut self) -> DMatrix<f64> {
+        self.fold();
+        self.stack.rows(0, self.filled.min(self.unknowns)).clone_owned()
     }
 
     /// Calls back with rows that stand for all that came in: as many as unknowns, and no more.
-    pub fn triangle(mut self, mut use_it: impl FnMut(&[f64], f64)) {
-        self.fold();
-        for i in 0..self.unknowns {
-            let row: Vec<f64> = self.stack.row(i).iter().copied().collect();
-            use_it(&row[..self.unknowns], row[self.unknowns]);
+    pub fn triangle(self, mut use_it: impl FnMut(&[f64], f64)) {
+        let unknowns = self.unknowns;
+        let triangle = self.into_triangle();
+        for i in 0..unknowns {
+            let row: Vec<f64> =
+                if i < triangle.nrows() { triangle.row(i).iter().copied().collect() } else { vec![0.0; unknowns + 1] };
+            use_it(&row[..unknowns], row[unknowns]);
         }
     }
 
     /// The triangular system and its singular values.
     pub fn solve(mut self) -> Solution {
         self.fold();
-        let n = self.unknowns;
-        let mut factor = self.stack.view((0, 0), (n, n)).clone_owned();
-        let right: DVector<f64> = self.stack.view((0, n), (n, 1)).column(0).into();
-        let scale = DVector::from_fn(n, |j, _| {
-            let norm = factor.column(j).norm();
+        let rows = self.filled.min(self.unknowns);
+        let scale = DVector::from_fn(self.unknowns, |j, _| {
+            let norm = self.stack.view((0, j), (rows, 1)).norm();
             if norm > 0.0 { norm } else { 1.0 }
         });
+        self.solve_with(scale)
+    }
+
+    /// The same with lengths of the columns that are given.
+    pub fn solve_with(mut self, scale: DVector<f64>) -> Solution {
+        self.fold();
+        let n = self.unknowns;
+        let (mut factor, mut right) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        for i in 0..self.filled.min(n) {
+            factor.row_mut(i).copy_from(&self.stack.view((i, 0), (1, n)));
+            right[i] = self.stack[(i, n)];
+        }
         for (j, mut column) in factor.column_iter_mut().enumerate() {
             column /= scale[j];
         }
         let svd = factor.svd(true, true);
         let (u, vt) = (svd.u.expect("asked for"), svd.v_t.expect("asked for"));
-        Solution { scale, values: svd.singular_values, turned: u.tr_mul(&right), vt, rows: self.count }
+        Solution { scale, values: svd.singular_values, turned: u.tr_mul(&right), vt }
     }
+}
+
+/// The triangular factor of a matrix by Householder's reflections, column by column.
+fn triangular(mut a: DMatrix<f64>) -> DMatrix<f64> {
+    let (rows, columns) = a.shape();
+    let most = rows.min(columns);
+    let values = a.as_mut_slice();
+    for j in 0..most {
+        let (done, rest) = values.split_at_mut((j + 1) * rows);
+        let pivot = &mut done[j * rows + j..];
+        let length = pivot.iter().map(|v| v * v).sum::<f64>().sqrt();
+        if length == 0.0 {
+            continue;
+        }
+        let head = if pivot[0] > 0.0 { -length } else { length };
+        pivot[0] -= head;
+        // v'v = 2 length (length + |first|)
+        let factor = -1.0 / (head * pivot[0]);
+        for column in rest.chunks_exact_mut(rows) {
+            let column = &mut column[j..];
+            let along = dot(pivot, column) * factor;
+            column.iter_mut().zip(pivot.iter()).for_each(|(c, v)| *c -= along * v);
+        }
+        pivot.fill(0.0);
+        pivot[0] = head;
+    }
+    a.rows(0, most).clone_owned()
+}
+
+/// In eight sums, which a processor adds at once.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let (a8, b8) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = a8.remainder().iter().zip(b8.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a8.zip(b8) {
+        (0..8).for_each(|i| sums[i] += a[i] * b[i]);
+    }
+    sums.iter().sum::<f64>() + rest
 }
 
 /// A solved system.
@@ -80,11 +139,14 @@ pub struct Solution {
     values: DVector<f64>,
     turned: DVector<f64>,
     vt: DMatrix<f64>,
-    /// Rows that came in.
-    pub rows: usize,
 }
 
 impl Solution {
+    /// Length of each column.
+    pub fn lengths(&self) -> &DVector<f64> {
+        &self.scale
+    }
+
     fn largest(&self) -> f64 {
         self.values.iter().copied().fold(0.0, f64::max)
     }

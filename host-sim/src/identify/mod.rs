@@ -5,10 +5,13 @@
 //! left out by name. docs/CALIBRATION.md describes files, gauge and result.
 
 mod agreement;
+mod bordered;
 mod changes;
 mod checks;
 mod conclude;
 mod constants;
+mod covariance;
+mod evaluated;
 mod fit;
 mod freedom;
 mod gauge;

@@ -69,6 +69,13 @@ pub struct Layout {
     pub width: usize,
 }
 
+impl Layout {
+    /// How many columns all files have in common, those of constants and plays: they come first.
+    pub fn common(&self) -> usize {
+        self.first.first().copied().unwrap_or(self.width)
+    }
+}
+
 /// The stage and the files' own values, at which is linearised.
 #[derive(Clone, Debug)]
 pub struct State {
@@ -90,7 +97,7 @@ pub struct Block {
 }
 
 impl Block {
-    /// Empty rows.
+    /// Empty rows for the common columns and a file's own behind them.
     pub fn new(width: usize) -> Self {
         Block { residual: [0.0; 3], rows: std::array::from_fn(|_| vec![0.0; width]), eliminated: 0.0 }
     }
@@ -117,7 +124,8 @@ pub struct Observer<'a> {
     /// Of diagonals: all readings without the zeros of their lines.
     centred: OnceCell<Centred>,
     weights: &'a [f64],
-    beyond: Option<&'a PositionErrors>,
+    /// And their first column.
+    beyond: Option<(&'a PositionErrors, usize)>,
 }
 
 impl<'a> Observer<'a> {
@@ -136,7 +144,7 @@ impl<'a> Observer<'a> {
             series,
             machine: &state.machine,
             own: &state.own[index],
-            first: layout.first[index],
+            first: layout.common(),
             drift: drift && series.shows_drift(),
             chain: Chain::new(&state.machine),
             behind: actuators(series, play),
@@ -149,7 +157,8 @@ impl<'a> Observer<'a> {
 
     /// Fills columns of position-dependent errors too.
     pub(super) fn with_position_errors(self, errors: &'a PositionErrors) -> Self {
-        Observer { beyond: Some(errors), ..self }
+        let first = self.first + self.own.len();
+        Observer { beyond: Some((errors, first)), ..self }
     }
 
     /// Of diagonals: all readings with so many columns, without the zeros of their lines.
@@ -164,6 +173,12 @@ impl<'a> Observer<'a> {
             Centred::new(self.lines.clone(), equations, self.weights)
         };
         (self.series.kind == Kind::Diagonal).then(|| self.centred.get_or_init(evaluate))
+    }
+
+    /// The same for good.
+    pub(super) fn into_centred(mut self, width: usize) -> Option<Centred> {
+        self.centred(width)?;
+        self.centred.take()
     }
 
     fn place(&self, k: usize, point: [f64; 3]) -> Place {
@@ -185,8 +200,8 @@ impl<'a> Observer<'a> {
                 use_it(column, at.actuator(axis));
             }
         }
-        if let Some(errors) = self.beyond {
-            errors.each_twist(at, &self.layout.order, &self.behind[k].actuators, use_it);
+        if let Some((errors, first)) = self.beyond {
+            errors.each_twist(at, &self.layout.order, &self.behind[k].actuators, first, use_it);
         }
     }
 
@@ -198,8 +213,8 @@ impl<'a> Observer<'a> {
         }
     }
 
-    /// The same without what is eliminated.
-    fn reading(&self, k: usize, block: &mut Block) {
+    /// The same with the zeros of lines.
+    pub(super) fn reading(&self, k: usize, block: &mut Block) {
         block.rows.iter_mut().for_each(|row| row.fill(0.0));
         let reading = &self.series.readings[k];
         match self.series.kind {

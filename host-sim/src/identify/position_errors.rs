@@ -31,17 +31,15 @@ impl Shape {
 /// The functions of all stages that move in the measurements.
 #[derive(Clone, Debug)]
 pub(super) struct PositionErrors {
-    /// Behind the unknowns of the fit; the low degrees first.
+    /// The low degrees first.
     pub shapes: Vec<Shape>,
-    /// First column of theirs.
-    first: usize,
     /// Farthest position of each motor from home, nm or nrad.
     reach: [f64; AXES],
 }
 
 impl PositionErrors {
-    /// Of the files that the common fit evaluates; their columns come behind `first` others.
-    pub(super) fn new<'a>(files: impl Iterator<Item = &'a Series>, first: usize) -> Self {
+    /// Of the files that the common fit evaluates.
+    pub(super) fn new<'a>(files: impl Iterator<Item = &'a Series>) -> Self {
         let mut reach = [0.0_f64; AXES];
         for reading in files.filter(|file| file.kind != Kind::Squareness).flat_map(|file| &file.readings) {
             reach.iter_mut().zip(reading.motors).for_each(|(most, motor)| *most = most.max(motor.abs()));
@@ -53,16 +51,17 @@ impl PositionErrors {
                 shapes.extend((0..COMPONENTS).map(|component| Shape { axis: *axis, component, degree }));
             }
         }
-        PositionErrors { shapes, first, reach }
+        PositionErrors { shapes, reach }
     }
 
-    /// Calls back with each column and what one nm or one nrad of it does to the array. All are zero at home: how the
+    /// Calls back with each column, from `first` on, and what one nm or one nrad of it does to the array. All are zero at home: how the
     /// stage stands there is in the constants.
     pub(super) fn each_twist(
         &self,
         at: &Linearised,
         order: &[Axis; AXES],
         actuators: &[f64; AXES],
+        first: usize,
         mut use_it: impl FnMut(usize, Twist),
     ) {
         let interfaces = at.interfaces();
@@ -87,7 +86,7 @@ impl PositionErrors {
         for (n, shape) in self.shapes.iter().enumerate() {
             let i = shape.axis.index();
             let (twist, value) = (frames[i][shape.component], values[i][shape.degree - 1]);
-            use_it(self.first + n, Twist { turn: twist.turn * value, about: twist.about, shift: twist.shift * value });
+            use_it(first + n, Twist { turn: twist.turn * value, about: twist.about, shift: twist.shift * value });
         }
     }
 }

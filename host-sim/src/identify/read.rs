@@ -1,5 +1,6 @@
 //! Reads measurement files: comment lines with keys, a header with units, rows of numbers.
 
+use super::fit::LEAST_NOISE;
 use super::series::{Approach, Kind, Reading, Series};
 use super::units::{Quantity, Unit, split};
 use stage_controller::units::{AXES, Axis};
@@ -40,8 +41,6 @@ pub enum ReadError {
 const FARTHEST: f64 = 1e15;
 /// The column of times.
 const TIME: &str = "time_s";
-/// Smallest noise that may be stated, nm or nrad.
-const LEAST_NOISE: f64 = 1e-3;
 
 /// Keys that describe a file to people and are not used.
 const NOTES: [&str; 7] = ["instrument", "date", "operator", "note", "temperature", "machine", "made by"];

@@ -33,10 +33,10 @@ pub(super) struct Runs {
 pub(super) fn reversal(series: &Series, index: usize, options: &Options, held: Option<f64>) -> Result<Runs, Refusal> {
     let Kind::Positioning(axis) = series.kind else { unreachable!("only of positioning runs") };
     let targets = targets(series, axis.index());
-    let place = |reading: &Reading| targets.partition_point(|t| *t < reading.motors[axis.index()] - SAME);
-    let places: Vec<usize> = series.readings.iter().map(place).collect();
+    let nearest = |reading: &Reading| targets.partition_point(|t| *t < reading.motors[axis.index()] - SAME);
+    let place: Vec<usize> = series.readings.iter().map(nearest).collect();
     let mut reached = vec![[false; 2]; targets.len()];
-    series.readings.iter().zip(&places).for_each(|(reading, t)| reached[*t][usize::from(reading.down)] = true);
+    series.readings.iter().zip(&place).for_each(|(reading, t)| reached[*t][usize::from(reading.down)] = true);
     let both = reached.iter().filter(|ways| **ways == [true; 2]).count();
     let one_way = held.filter(|_| both < TARGETS && targets.len() >= TARGETS);
     if both < TARGETS && one_way.is_none() {
@@ -54,7 +54,7 @@ pub(super) fn reversal(series: &Series, index: usize, options: &Options, held: O
     };
     let system = PerTarget {
         targets: targets.len(),
-        place: places,
+        place,
         down: series.readings.iter().map(|r| if r.down && one_way.is_none() { 1.0 } else { 0.0 }).collect(),
         hours: drift.then(|| series.readings.iter().map(|reading| reading.time_s / HOUR).collect()),
         deviation: series.readings.iter().map(deviation).collect(),

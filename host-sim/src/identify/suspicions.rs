@@ -5,14 +5,14 @@
 
 use super::Refusal;
 use super::changes::{Change, pairs};
-use super::fit::{Fit, LEAST_NOISE, possible};
+use super::fit::{Fit, LEAST_NOISE, Told, possible};
 use super::gauge::per_unit;
 use super::least_squares::{Rows, Solution};
 use super::observe::{Block, Observer, State};
 use super::outliers::huber;
 use super::series::{Kind, Series};
 use super::units::{Quantity, UNITS, Unit};
-use super::weights::{HOPELESS_NOISE, MOST_REJECTED, robust_noise};
+use super::weights::{HOPELESS_NOISE, Left, MOST_REJECTED, robust_noise};
 use nalgebra::DVector;
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 use std::fmt::Write;
@@ -150,7 +150,7 @@ impl Trial<'_, '_> {
         let observer =
             Observer::new(&fit.layout, state, self.file, self.index, fit.options.drift, &fit.weights[self.index]);
         let fill = |k: &usize| {
-            let mut block = Block::new(fit.layout.width);
+            let mut block = Block::new(self.touched.len());
             observer.fill(*k, &mut block);
             block
         };
@@ -165,9 +165,8 @@ impl Trial<'_, '_> {
         for (n, block) in self.blocks.iter().enumerate() {
             let scale = weight(n, &block.residual).sqrt() / noise;
             for c in 0..columns {
-                let values = self.touched.iter().map(|column| block.rows[c][*column]);
-                row.iter_mut().zip(values).for_each(|(entry, value)| *entry = value * scale);
-                let already: f64 = self.touched.iter().map(|j| block.rows[c][*j] * self.moved[*j]).sum();
+                row.iter_mut().zip(&block.rows[c]).for_each(|(entry, value)| *entry = value * scale);
+                let already: f64 = self.touched.iter().zip(&block.rows[c]).map(|(j, d)| d * self.moved[*j]).sum();
                 rows.push(&row, (block.residual[c] + already) * scale);
             }
         }
@@ -248,38 +247,61 @@ struct Case {
 }
 
 impl<'f> Fit<'f> {
-    /// The linear system of all but one file, brought down to what that file touches.
-    fn case(&mut self, index: usize) -> Case {
+    /// What all tell the common unknowns but the file, with its own unknowns free.
+    fn case(&self, index: usize, others: &Rows, left: &[Left]) -> Case {
         let count = self.weights[index].len();
-        let kept = std::mem::replace(&mut self.weights[index], vec![0.0; count]);
-        let all = self.assemble(&self.state).0;
-        self.weights[index] = kept;
         let touched = self.touched(index);
-        let rest: Vec<usize> = (0..self.layout.width).filter(|column| !touched.contains(column)).collect();
-        // what belongs to other files goes first, so that it stands in the first rows of the triangle alone
-        let mut sorted = Rows::new(self.layout.width);
-        all.triangle(|row, right| {
-            let row: Vec<f64> = rest.iter().chain(&touched).map(|column| row[*column]).collect();
-            sorted.push(&row, right);
+        let mut all = Rows::new(touched.len());
+        let mut row = vec![0.0; touched.len()];
+        others.clone().triangle(|common, right| {
+            row[..common.len()].copy_from_slice(common);
+            all.push(&row, right);
         });
-        let mut others = Rows::new(touched.len());
-        let mut number = 0;
-        sorted.triangle(|row, right| {
-            if number >= rest.len() {
-                others.push(&row[rest.len()..], right);
-            }
-            number += 1;
-        });
+        row.fill(0.0);
+        let common = self.layout.common();
+        let first = self.layout.first[index];
+        for prior in self.priors.iter().filter(|prior| (first..first + self.own[index].len()).contains(&prior.column)) {
+            row[common + prior.column - first] = 1.0 / prior.sigma;
+            all.push(&row, (prior.value - self.value(&self.state, prior.column)) / prior.sigma);
+            row[common + prior.column - first] = 0.0;
+        }
+        let others = all;
         let every = count.div_ceil(SAMPLE);
         let sample: Vec<usize> = (0..count).step_by(every).collect();
         let columns = self.series[index].kind.columns().len();
-        let taken: f64 = self.left(&self.root())[index]
+        let taken: f64 = left
             .iter()
             .zip(&self.weights[index])
             .map(|(left, weight)| weight * left.leverage[..columns].iter().sum::<f64>())
             .sum();
         let share = sample.len() as f64 / count as f64;
         Case { index, others, touched, free: share * ((count * columns) as f64 - taken), sample }
+    }
+
+    /// Of each file what all but it tell the common unknowns.
+    fn all_but_one(&self) -> Vec<Rows> {
+        let (_, parts, _) = self.assemble_with_parts(&self.state, &self.noise);
+        let common = self.layout.common();
+        let with = |rows: &Rows, part: &Told| {
+            let mut rows = rows.clone();
+            part.iter().for_each(|(row, right)| rows.push(row, *right));
+            rows
+        };
+        // those behind each, then those before it
+        let mut behind = vec![with(&Rows::new(common), &parts[self.series.len()])];
+        for part in parts[1..self.series.len()].iter().rev() {
+            let next = with(&behind[behind.len() - 1], part);
+            behind.push(next);
+        }
+        let mut before = Rows::new(common);
+        let mut all = Vec::new();
+        for (part, behind) in parts.iter().zip(behind.into_iter().rev()) {
+            let mut but_one = before.clone();
+            behind.triangle(|row, right| but_one.push(row, right));
+            all.push(but_one);
+            before = with(&before, part);
+        }
+        all
     }
 
     fn trial<'t>(&'t self, case: &'t Case, file: &'t Series) -> Trial<'t, 'f> {
@@ -389,10 +411,14 @@ impl<'f> Fit<'f> {
     /// Refuses the file that a mistake explains, if one stands out; warns where several could be the one, or one could
     /// be misread in several ways.
     pub(super) fn refuse_mistakes(&mut self, suspects: &[usize]) -> Result<(), Refusal> {
+        if suspects.is_empty() {
+            return Ok(());
+        }
+        let (others, left) = (self.all_but_one(), self.left(self.joint()));
         let mut found = Vec::new();
         for index in suspects {
             (self.progress)(&format!("looking for mistakes in {}", self.series[*index].file));
-            let case = self.case(*index);
+            let case = self.case(*index, &others[*index], &left[*index]);
             found.extend(self.mistake(&case));
         }
         found.sort_by(|a: &Mistake, b| b.times.total_cmp(&a.times));
@@ -460,7 +486,8 @@ impl<'f> Fit<'f> {
     /// How many readings are far out around a core that keeps to the stated noise, and the median of how far, nm or nrad; none without such a core. And whether the core
     /// keeps to it so well that nothing is wrong with the noise.
     fn out_of_core(&mut self, index: usize, stated: f64) -> (Option<(usize, f64)>, bool) {
-        let mut case = self.case(index);
+        let left = self.left(self.joint());
+        let mut case = self.case(index, &self.all_but_one()[index], &left[index]);
         let count = self.series[index].readings.len();
         let columns = self.series[index].kind.columns().len();
         let free_share = (case.free / (case.sample.len() * columns) as f64).clamp(0.1, 1.0);
@@ -530,7 +557,7 @@ impl<'f> Fit<'f> {
 
     /// Warnings for files that have next to no say in the result, though their kind should.
     pub(super) fn unheard(&self) -> Vec<String> {
-        let left = self.left(&self.root());
+        let left = self.left(self.joint());
         let mut warnings = Vec::new();
         for (index, file) in self.fitted() {
             let tells = !matches!(file.kind, Kind::Straightness { to_chip: false, .. });

@@ -1,13 +1,13 @@
 //! How much each reading counts: noise of the files, outliers.
 
 use super::Refusal;
+use super::bordered::Joint;
 use super::changes::pairs;
 use super::fit::{Fit, LEAST_NOISE};
-use super::observe::{Block, Observer};
+use super::least_squares::dot;
 use super::outliers::{huber, threshold};
 use super::series::{Kind, Series};
 use super::suspicions::{believable, few_repeats};
-use nalgebra::DMatrix;
 use stage_controller::units::Axis;
 
 /// Rounds in which unstated noise is estimated anew.
@@ -43,34 +43,28 @@ impl Left {
 
 impl Fit<'_> {
     /// Residuals and leverages of all readings, rejected ones included.
-    pub(super) fn left(&self, root: &DMatrix<f64>) -> Vec<Vec<Left>> {
+    pub(super) fn left(&self, joint: &Joint) -> Vec<Vec<Left>> {
         let mut all: Vec<Vec<Left>> = self.series.iter().map(|_| Vec::new()).collect();
-        let mut block = Block::new(self.layout.width);
-        let mut across = vec![0.0; root.ncols()];
         for (index, file) in self.fitted() {
-            let observer =
-                Observer::new(&self.layout, &self.state, file, index, self.options.drift, &self.weights[index]);
-            let touched = self.touched(index);
-            for k in 0..file.readings.len() {
-                observer.fill(k, &mut block);
+            let root = joint.root(index);
+            let variance = self.noise[index].powi(2);
+            all[index].reserve(file.readings.len());
+            self.each_reading(&self.state, index, |_, block| {
                 let mut left = Left { residual: block.residual, leverage: [0.0; 3] };
                 for c in 0..file.kind.columns().len() {
-                    across.iter_mut().for_each(|sum| *sum = 0.0);
-                    for (sum, column) in across.iter_mut().zip(root.column_iter()) {
-                        *sum = touched.iter().map(|j| block.rows[c][*j] * column[*j]).sum();
-                    }
-                    let shared = across.iter().map(|sum| sum * sum).sum::<f64>() / self.noise[index].powi(2);
-                    left.leverage[c] = shared + block.eliminated;
+                    let across = |column: &[f64]| dot(&block.rows[c], column).powi(2);
+                    let shared: f64 = root.as_slice().chunks_exact(root.nrows()).map(across).sum();
+                    left.leverage[c] = shared / variance + block.eliminated;
                 }
                 all[index].push(left);
-            }
+            });
         }
         all
     }
 
     /// Files of which what is not left out shows more than is believed of their kind: the state is none of a stage.
     pub(super) fn beyond_belief(&self) -> bool {
-        let left = self.left(&self.root());
+        let left = self.left(self.joint());
         self.fitted().any(|(index, file)| {
             let columns = file.kind.columns().len();
             let kept = left[index].iter().zip(&self.weights[index]).filter(|(_, weight)| **weight > 0.0);
@@ -79,8 +73,9 @@ impl Fit<'_> {
         })
     }
 
-    pub(super) fn root(&self) -> DMatrix<f64> {
-        self.solution.as_ref().expect("the fit has converged").root()
+    /// The solution of a fit that has converged.
+    pub(super) fn joint(&self) -> &Joint {
+        self.solution.as_ref().expect("the fit has converged")
     }
 
     /// Residual in standard deviations of what a reading that is not rejected (or, if it is, a new one) would show.
@@ -98,7 +93,7 @@ impl Fit<'_> {
     /// Tells whether it changed by more than a hundredth.
     fn estimate_noise(&mut self, robust: bool) -> bool {
         let mut changed = false;
-        let left = self.left(&self.root());
+        let left = self.left(self.joint());
         for (index, file) in self.fitted() {
             if !self.estimated[index] {
                 continue;
@@ -194,7 +189,7 @@ impl Fit<'_> {
     /// of theirs is an outlier for what the constants do not describe. Tells whether there are such files. What is
     /// wrong with them is judged when all others stand.
     fn doubt_stated_noise(&mut self) -> bool {
-        let left = self.left(&self.root());
+        let left = self.left(self.joint());
         let mut found = false;
         for (index, file) in self.fitted() {
             let shown = robust_noise(file, &readings_of(&left[index]));
@@ -220,7 +215,7 @@ impl Fit<'_> {
                 continue;
             }
             self.refuse_mistakes(&[index])?;
-            let left = &self.left(&self.root())[index];
+            let left = &self.left(self.joint())[index];
             let columns = file.kind.columns().len();
             let most = believable(file.kind);
             let beyond =
@@ -254,7 +249,7 @@ impl Fit<'_> {
 
     /// Gives every reading the weight of its worst value; tells whether one changed.
     fn weigh(&mut self, weight: impl Fn(f64) -> f64) -> bool {
-        let left = self.left(&self.root());
+        let left = self.left(self.joint());
         let mut changed = false;
         for (index, file) in self.fitted() {
             for (k, left) in left[index].iter().enumerate() {
@@ -288,7 +283,7 @@ impl Fit<'_> {
     }
 
     fn any_beyond(&self, limit: f64) -> bool {
-        let left = self.left(&self.root());
+        let left = self.left(self.joint());
         self.fitted().any(|(index, file)| {
             (0..file.readings.len())
                 .any(|k| self.worst(index, file, k, &left[index][k]).1.abs() * self.caution[index] > limit)

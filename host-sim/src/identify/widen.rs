@@ -7,13 +7,17 @@
 //! coefficients by maximum likelihood with the fitted constants projected out (Patterson and Thompson, Biometrika 58,
 //! 1971), found by expectation maximisation.
 
+use super::bordered::Joint;
+use super::covariance::{Covariance, Products};
 use super::fit::Fit;
+use super::freedom::student_factor;
 use super::observe::{Block, Observer};
 use super::position_errors::{PositionErrors, Shape};
 use super::series::Kind;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use stage_controller::units::Axis;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use std::collections::BTreeMap;
 
 /// Residuals that depend on positions by chance are reported in fewer than one of so many files.
 const FALSE_ALARM: f64 = 1e-5;
@@ -24,15 +28,19 @@ const NOTHING: [f64; 2] = [1e-8, 1e-3];
 const TESTED: usize = 3;
 /// Values of a file with which it is looked for; of a longer one every so manyth reading.
 const TESTED_ROWS: usize = 2000;
-/// Rows that are added to a product at once.
-const ROWS: usize = 384;
-/// Rounds of expectation maximisation for all stages together, and for each.
-const ROUNDS: [usize; 2] = [15, 40];
+/// Variance of the coefficient of a degree over that of the degree below. Smooth errors have most in the low ones: q^3
+/// is 3/5 P1 + 2/5 P3, that is 0.44 of two degrees; q^2 and half a wave have it in P2 and P1.
+const FALLING: f64 = 0.4;
+/// Coefficients for which the size of what all stages together show counts beside those of one stage.
+const BELIEVED: f64 = 1.0;
+/// Most rounds in which variances are sought; a change by this share ends them.
+const ROUNDS: usize = 60;
+const SETTLED: f64 = 0.02;
 
 /// What position-dependent errors add.
 pub(super) struct Widening {
     /// Covariance to be added to that of the unknowns.
-    pub added: DMatrix<f64>,
+    pub added: Covariance,
     /// One sentence for each file that shows it.
     pub warnings: Vec<String>,
 }
@@ -45,11 +53,21 @@ struct Sample {
     rows: DMatrix<f64>,
 }
 
+/// What the rows of a file say of the functions.
+struct Share {
+    index: usize,
+    /// Of its unknowns, the common ones first, with the functions.
+    cross: DMatrix<f64>,
+    /// Of its unknowns with the residuals.
+    right: DVector<f64>,
+    /// (noise stated / noise of the fit)^2.
+    trust: f64,
+}
+
 impl Fit<'_> {
     /// None where no file's residuals depend on positions beyond chance.
-    pub(super) fn widening(&self, covariance: &DMatrix<f64>) -> Option<Widening> {
-        let width = self.layout.width;
-        let errors = PositionErrors::new(self.fitted().map(|(_, file)| file), width);
+    pub(super) fn widening(&self, joint: &Joint) -> Option<Widening> {
+        let errors = PositionErrors::new(self.fitted().map(|(_, file)| file));
         let files: Vec<_> = self.fitted().filter(|(_, file)| file.kind != Kind::Squareness).collect();
         let mut warnings = Vec::new();
         for (index, file) in &files {
@@ -69,25 +87,44 @@ impl Fit<'_> {
         if warnings.is_empty() {
             return None;
         }
+        // the residuals are judged by the noise that is stated: the fit's may hold the very errors that are looked for
+        let stated: Vec<f64> =
+            self.series.iter().zip(&self.noise).map(|(file, noise)| file.noise.unwrap_or(*noise)).collect();
+        let judging = self.assemble_with_parts(&self.state, &stated).0.solve();
         let extra = errors.shapes.len();
-        let (mut own, mut cross) = (DMatrix::zeros(extra, extra), DMatrix::zeros(width, extra));
-        let mut right = DVector::zeros(extra);
+        let (mut own, mut right) = (DMatrix::zeros(extra, extra), DVector::zeros(extra));
+        let mut shares = Vec::new();
         for (index, _) in files {
-            let touched = self.touched(index);
-            let n = touched.len();
-            let gram = self.products(index, &errors);
-            own += gram.view((n, n), (extra, extra));
-            for (i, column) in touched.iter().enumerate() {
-                let mut row = cross.row_mut(*column);
-                row += gram.view((i, n), (1, extra));
-            }
-            right += gram.view((n, n + extra), (extra, 1)).column(0);
+            let n = self.touched(index).len();
+            let products = self.products(index, &errors, stated[index]);
+            own += products.view((n, n), (extra, extra));
+            right += products.view((n, n + extra), (extra, 1)).column(0);
+            shares.push(Share {
+                index,
+                cross: products.view((0, n), (n, extra)).into_owned(),
+                right: products.view((0, n + extra), (n, 1)).column(0).into_owned(),
+                trust: (stated[index] / self.noise[index]).powi(2),
+            });
         }
-        let sensitivity = covariance * &cross;
-        let projected = own - cross.tr_mul(&sensitivity);
-        let variances = variances(&errors.shapes, &projected, &right);
-        let scaled = DMatrix::from_fn(width, extra, |i, j| sensitivity[(i, j)] * variances[j].sqrt());
-        Some(Widening { added: &scaled * scaled.transpose(), warnings })
+        let seen = Sensitivity::new(&judging, &shares, |_| 1.0);
+        for share in &shares {
+            let of = seen.of(share.index);
+            own -= share.cross.tr_mul(&of);
+            right -= of.tr_mul(&share.right);
+        }
+        for prior in self.priors.iter().filter(|prior| prior.column < self.layout.common()) {
+            let pull = (prior.value - self.value(&self.state, prior.column)) / prior.sigma.powi(2);
+            right -= seen.common.row(prior.column).transpose() * pull;
+        }
+        let variances = variances(&errors.shapes, &own, &right);
+        let felt = Sensitivity::new(joint, &shares, |share| share.trust);
+        let scaled = |sensitivity: &DMatrix<f64>| {
+            let mut scaled = sensitivity.clone();
+            scaled.column_iter_mut().zip(&variances).for_each(|(mut column, variance)| column *= variance.sqrt());
+            &scaled * scaled.transpose()
+        };
+        let files = (0..self.series.len()).map(|index| scaled(&felt.of(index))).collect();
+        Some(Widening { added: Covariance { common: scaled(&felt.common), files }, warnings })
     }
 
     /// Some rows of a file, as many as the test needs.
@@ -96,7 +133,7 @@ impl Fit<'_> {
         let stride = (file.readings.len() * file.kind.columns().len()).div_ceil(TESTED_ROWS).max(1);
         let unknowns = self.touched(index).len();
         let (mut rows, mut eliminated) = (Vec::new(), 0.0);
-        self.each_row(index, errors, stride, |row, taken| {
+        self.each_row(index, errors, stride, self.noise[index], |row, taken| {
             rows.extend_from_slice(row);
             eliminated += taken;
         });
@@ -105,46 +142,72 @@ impl Fit<'_> {
     }
 
     /// Products of all columns of a file with one another.
-    fn products(&self, index: usize, errors: &PositionErrors) -> DMatrix<f64> {
-        let size = self.touched(index).len() + errors.shapes.len() + 1;
-        let mut gram = DMatrix::zeros(size, size);
-        let mut rows: DMatrix<f64> = DMatrix::zeros(ROWS, size);
-        let mut filled = 0;
-        self.each_row(index, errors, 1, |row, _| {
-            if filled == ROWS {
-                gram.gemm_tr(1.0, &rows, &rows, 1.0);
-                rows.fill(0.0);
-                filled = 0;
-            }
-            rows.row_mut(filled).copy_from_slice(row);
-            filled += 1;
-        });
-        gram.gemm_tr(1.0, &rows, &rows, 1.0);
-        gram
+    fn products(&self, index: usize, errors: &PositionErrors, noise: f64) -> DMatrix<f64> {
+        let mut products = Products::new(self.touched(index).len() + errors.shapes.len() + 1);
+        self.each_row(index, errors, 1, noise, |row, _| products.push(row.iter().copied()));
+        products.sum()
     }
 
     /// Calls back with the weighted rows of every so manyth reading that counts, and with the share of a degree of
     /// freedom that was eliminated from each.
-    fn each_row(&self, index: usize, errors: &PositionErrors, stride: usize, mut use_it: impl FnMut(&[f64], f64)) {
-        let width = self.layout.width;
+    fn each_row(
+        &self,
+        index: usize,
+        errors: &PositionErrors,
+        stride: usize,
+        noise: f64,
+        mut use_it: impl FnMut(&[f64], f64),
+    ) {
         let file = &self.series[index];
-        let touched = self.touched(index);
+        let size = self.touched(index).len() + errors.shapes.len();
         let (drift, weights) = (self.options.drift, &self.weights[index]);
         let observer =
             Observer::new(&self.layout, &self.state, file, index, drift, weights).with_position_errors(errors);
-        let mut block = Block::new(width + errors.shapes.len());
-        let mut row = vec![0.0; touched.len() + errors.shapes.len() + 1];
+        let mut block = Block::new(size);
+        let mut row = vec![0.0; size + 1];
         let counting = self.weights[index].iter().enumerate().filter(|(_, weight)| **weight > 0.0);
         for (k, weight) in counting.step_by(stride) {
             observer.fill(k, &mut block);
-            let scale = weight.sqrt() / self.noise[index];
+            let scale = weight.sqrt() / noise;
             for c in 0..file.kind.columns().len() {
-                let unknowns = touched.iter().map(|column| block.rows[c][*column]);
-                let values = unknowns.chain(block.rows[c][width..].iter().copied()).chain([block.residual[c]]);
+                let values = block.rows[c].iter().copied().chain([block.residual[c]]);
                 row.iter_mut().zip(values).for_each(|(to, value)| *to = value * scale);
                 use_it(&row, weight * block.eliminated);
             }
         }
+    }
+}
+
+/// How the unknowns of a fit follow the functions.
+struct Sensitivity<'a> {
+    joint: &'a Joint,
+    /// Of the common unknowns: one column for each function.
+    common: DMatrix<f64>,
+    /// The part of each file, by its index.
+    parts: BTreeMap<usize, DMatrix<f64>>,
+}
+
+impl<'a> Sensitivity<'a> {
+    fn new(joint: &'a Joint, shares: &[Share], trust: impl Fn(&Share) -> f64) -> Self {
+        let width = joint.common();
+        let extra = shares.first().map_or(0, |share| share.cross.ncols());
+        let mut common = DMatrix::zeros(width, extra);
+        let mut parts = BTreeMap::new();
+        for share in shares {
+            let root = joint.root(share.index);
+            let part = &root * root.tr_mul(&share.cross) * trust(share);
+            common += part.rows(0, width);
+            parts.insert(share.index, part);
+        }
+        Sensitivity { joint, common, parts }
+    }
+
+    /// Of a file's unknowns, the common ones first.
+    fn of(&self, index: usize) -> DMatrix<f64> {
+        let follow = self.joint.follow(index);
+        let Some(part) = self.parts.get(&index) else { return follow * &self.common };
+        // its own unknowns follow what the other files say through the common ones alone
+        follow * (&self.common - part.rows(0, self.common.nrows())) + part
     }
 }
 
@@ -226,26 +289,43 @@ impl Basis {
     }
 }
 
-/// Variance of each coefficient (nm^2 or nrad^2): one for all displacements and one for all rotations of a stage, so
-/// that what the measurements do not show has the size of what they do.
+/// Variance of each coefficient (nm^2 or nrad^2): one for all displacements and one for all rotations of a stage, which
+/// falls with the degree. What the measurements do not show has the size of what they do.
 fn variances(shapes: &[Shape], product: &DMatrix<f64>, right: &DVector<f64>) -> Vec<f64> {
     let together: Vec<usize> = shapes.iter().map(|shape| usize::from(shape.is_angular())).collect();
     let each: Vec<usize> = shapes.iter().map(|s| 2 * s.axis.index() + usize::from(s.is_angular())).collect();
-    let mut variances: Vec<f64> =
-        shapes.iter().map(|shape| if shape.is_angular() { 5e3_f64.powi(2) } else { 1e2_f64.powi(2) }).collect();
-    for (groups, rounds) in [together, each].iter().zip(ROUNDS) {
-        for _ in 0..rounds {
-            let Some(next) = maximise(groups, &variances, product, right) else { return variances };
-            variances = next;
+    let falling: Vec<f64> = shapes.iter().map(|shape| FALLING.powi(shape.degree as i32 - 1)).collect();
+    let first = |shape: &Shape| if shape.is_angular() { 5e3_f64.powi(2) } else { 1e2_f64.powi(2) };
+    let mut levels: Vec<f64> = shapes.iter().map(first).collect();
+    let mut told = vec![0.0; shapes.len()];
+    for (groups, believed) in [(together, 0.0), (each, BELIEVED)] {
+        let before = levels.clone();
+        for _ in 0..ROUNDS {
+            let Some(next) = level(&groups, &falling, (&before, believed), &levels, product, right) else { break };
+            let changed = next.0.iter().zip(&levels).any(|(next, level)| (next / level - 1.0).abs() > SETTLED);
+            (levels, told) = next;
+            if !changed {
+                break;
+            }
         }
     }
-    variances
+    let widened = |(level, told): (&f64, &f64)| level * student_factor(told + BELIEVED, 3.0).powi(2);
+    levels.iter().zip(&told).map(widened).zip(falling).map(|(level, falling)| level * falling).collect()
 }
 
-/// One round of expectation maximisation: variances from the coefficients' posterior.
-fn maximise(groups: &[usize], before: &[f64], product: &DMatrix<f64>, right: &DVector<f64>) -> Option<Vec<f64>> {
-    let n = before.len();
-    let sigma: Vec<f64> = before.iter().map(|variance| variance.sqrt()).collect();
+/// One round: the level of each coefficient's group by the squares of what is told of its coefficients over their number,
+/// each counted as far as it is told (MacKay, Neural Computation 4, 1992: the fixed point is that of expectation
+/// maximisation, and comes sooner). And this number.
+fn level(
+    groups: &[usize],
+    falling: &[f64],
+    (before, believed): (&[f64], f64),
+    levels: &[f64],
+    product: &DMatrix<f64>,
+    right: &DVector<f64>,
+) -> Option<(Vec<f64>, Vec<f64>)> {
+    let n = levels.len();
+    let sigma: Vec<f64> = levels.iter().zip(falling).map(|(level, falling)| (level * falling).sqrt()).collect();
     let scaled = DMatrix::from_fn(n, n, |i, j| {
         let one = if i == j { 1.0 } else { 0.0 };
         one + 0.5 * (product[(i, j)] + product[(j, i)]) * sigma[i] * sigma[j]
@@ -254,8 +334,14 @@ fn maximise(groups: &[usize], before: &[f64], product: &DMatrix<f64>, right: &DV
     let mean = &inverse * DVector::from_fn(n, |i, _| right[i] * sigma[i]);
     let mut sums = [(0.0, 0.0); 12];
     for (i, group) in groups.iter().enumerate() {
-        sums[*group].0 += before[i] * (mean[i] * mean[i] + inverse[(i, i)]);
-        sums[*group].1 += 1.0;
+        sums[*group].0 += levels[i] * mean[i] * mean[i];
+        sums[*group].1 += (1.0 - inverse[(i, i)]).max(0.0);
     }
-    Some(groups.iter().map(|group| sums[*group].0 / sums[*group].1).collect())
+    let next = |(i, group): (usize, &usize)| {
+        let (squares, told) = sums[*group];
+        let level = (squares + believed * before[i]) / (told + believed).max(1e-3);
+        level.max(1e-6 * before[i])
+    };
+    let told = groups.iter().map(|group| sums[*group].1).collect();
+    Some((groups.iter().enumerate().map(next).collect(), told))
 }

@@ -4,7 +4,6 @@
 //! after all.
 
 use super::fit::Fit;
-use super::observe::{Block, Observer};
 use super::series::{Kind, Series};
 use super::units::Quantity;
 use super::weights::MOST_REJECTED;
@@ -36,15 +35,8 @@ impl Fit<'_> {
     pub(super) fn set_wild_ones_aside(&mut self) {
         for (index, file) in self.fitted().filter(|(_, file)| file.kind != Kind::Squareness) {
             let floor = self.floor(file);
-            let observer =
-                Observer::new(&self.layout, &self.state, file, index, self.options.drift, &self.weights[index]);
-            let mut block = Block::new(self.layout.width);
-            let residuals: Vec<[f64; 3]> = (0..file.readings.len())
-                .map(|k| {
-                    observer.fill(k, &mut block);
-                    block.residual
-                })
-                .collect();
+            let mut residuals: Vec<[f64; 3]> = Vec::with_capacity(file.readings.len());
+            self.each_reading(&self.state, index, |_, block| residuals.push(block.residual));
             let mut wild = vec![false; residuals.len()];
             for column in 0..file.kind.columns().len() {
                 for (k, by, share) in distances(file, &residuals, column, floor) {

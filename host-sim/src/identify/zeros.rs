@@ -36,6 +36,13 @@ impl Lines {
         Lines { numbers: first.keys().copied().collect(), first: first.into_values().collect(), of }
     }
 
+    /// How many zeros the readings tell: those of lines of which something counts.
+    fn told(&self, weights: &[f64]) -> usize {
+        let mut counts = vec![false; self.numbers.len()];
+        self.of.iter().zip(weights).for_each(|(line, weight)| counts[*line] |= *weight > 0.0);
+        counts.into_iter().filter(|counts| *counts).count()
+    }
+
     /// The reading from which the distance of reading `k` counts.
     pub fn start(&self, k: usize) -> usize {
         self.first[self.of[k]]
@@ -102,12 +109,7 @@ impl Centred {
         block.eliminated = if weight > 0.0 { weight.recip() } else { 0.0 };
     }
 
-    /// How many zeros the readings tell: those of lines of which something counts.
-    fn told(&self) -> usize {
-        self.common.iter().filter(|common| common.weight > 0.0).count()
-    }
-
-    /// Number, zero and its standard deviation of each line; `noise` of one reading, `covariance` of all columns.
+    /// Number, zero and its standard deviation of each line; `noise` of one reading, `covariance` of the columns.
     fn zeros(&self, noise: f64, covariance: &DMatrix<f64>) -> Vec<(u32, f64, f64)> {
         let zero = |(number, common): (&u32, &Common)| {
             let row = DVector::from_column_slice(&common.mean.row);
@@ -119,7 +121,8 @@ impl Centred {
 }
 
 impl Fit<'_> {
-    /// The zeros of a file's lines for the report: name, value and standard deviation, nm.
+    /// The zeros of a file's lines for the report: name, value and standard deviation, nm. `covariance`: of the columns
+    /// that the file touches.
     pub(super) fn zeros(&self, index: usize, covariance: &DMatrix<f64>) -> Vec<(String, f64, f64)> {
         let named = |(number, value, sigma)| (format!("zero of line {number}"), value, sigma);
         let centred = self.centred(index);
@@ -128,7 +131,8 @@ impl Fit<'_> {
 
     /// Zeros of lines that are fitted beside the columns of the system.
     pub(super) fn zeros_told(&self) -> usize {
-        self.fitted().filter_map(|(index, _)| self.centred(index)).map(|centred| centred.told()).sum()
+        let told = |(index, file): (usize, &Series)| Lines::new(file).told(&self.weights[index]);
+        self.fitted().map(told).sum()
     }
 
     fn centred(&self, index: usize) -> Option<Centred> {
@@ -137,7 +141,7 @@ impl Fit<'_> {
             return None;
         }
         let observer = Observer::new(&self.layout, &self.state, file, index, self.options.drift, &self.weights[index]);
-        observer.centred(self.layout.width).cloned()
+        observer.into_centred(self.touched(index).len())
     }
 }
 
@@ -214,7 +218,7 @@ mod tests {
         let (lines, readings, mut weights) = example();
         (0..weights.len()).filter(|k| lines.of[*k] == 1).for_each(|k| weights[k] = 0.0);
         let centred = Centred::new(lines, readings, &weights);
-        assert_eq!(centred.told(), 2);
+        assert_eq!(centred.lines.told(&weights), 2);
         assert!(centred.readings.iter().all(|equation| equation.residual.is_finite()));
     }
 }
