@@ -232,7 +232,7 @@ struct Mistake {
     /// How many times smaller the residuals become.
     times: f64,
     reason: String,
-    /// No other mistake explains it as well.
+    /// It cannot be by chance, and no other mistake explains it as well.
     alone: bool,
 }
 
@@ -377,7 +377,14 @@ impl<'f> Fit<'f> {
         if let (Change::Unit(_, unit) | Change::AllUnit(unit), 1) = (best, same.len()) {
             let _ = write!(reason, "; they look like {} written as {}", unit.name, file.units[0].name);
         }
-        Some(Mistake { index: case.index, times: before / least.max(LEAST_NOISE), reason, alone: same.len() == 1 })
+        // one number is read many times: turning its sign round fits by chance where the stage is as far off as the pair
+        let proven = !matches!(best, Change::PairReversed(..)) || before > believable(file.kind);
+        Some(Mistake {
+            index: case.index,
+            times: before / least.max(LEAST_NOISE),
+            reason,
+            alone: proven && same.len() == 1,
+        })
     }
 
     /// What is held on request, as another reason why something may not fit; nothing where nothing is.
