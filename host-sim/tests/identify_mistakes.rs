@@ -213,11 +213,16 @@ fn a_file_whose_noise_leaves_it_no_weight_is_named() {
     says(&said, &["accepted", "squareness.csv: with a noise of", "next to no weight in the result"]);
 }
 
+/// So many stages; a debug build takes a quarter of them.
+const fn stages(full: u64) -> u64 {
+    if cfg!(debug_assertions) { full / 4 } else { full }
+}
+
 /// Clean files of twenty random stages, with and without stated noise: nothing is suspected.
 #[test]
 fn clean_files_of_random_stages_are_never_suspected() {
     let mut dice = Dice::new(20);
-    for seed in 0..20 {
+    for seed in 0..stages(20) {
         let mut truth = Machine::paper();
         truth.order = dice.stage().machine.order;
         truth.statics = StaticErrors::from_values([0.0; 9].map(|_| dice.between(-1e-3, 1e-3)));
@@ -244,7 +249,7 @@ fn clean_files_of_random_stages_are_never_suspected() {
 fn mistakes_in_the_files_of_random_stages_are_named() {
     let mut dice = Dice::new(21);
     let (mut named, mut warned) = (0, 0);
-    for seed in 0..20 {
+    for seed in 0..stages(20) {
         let mut truth = Machine::paper();
         truth.statics = StaticErrors::from_values([0.0; 9].map(|_| dice.between(-2e-4, 2e-4)));
         truth.fibre_point_nm = (dice.direction() * dice.between(8e5, 5e6)).into();
@@ -275,8 +280,9 @@ fn mistakes_in_the_files_of_random_stages_are_named() {
             }
         }
     }
-    println!("figure: of 80 mistakes {named} refused with the right name, {warned} only warned of");
-    assert!(named >= 77 && named + warned == 80);
+    let mistakes = 4 * stages(20);
+    println!("figure: of {mistakes} mistakes {named} refused with the right name, {warned} only warned of");
+    assert!(warned <= 3 && named + warned == mistakes);
 }
 
 fn long_lever() -> Machine {
@@ -307,8 +313,8 @@ fn a_pair_of_axes_that_stands_apart_is_warned_of_and_not_refused() {
 #[test]
 fn stages_with_all_errors_that_stages_have_are_never_refused() {
     let mut dice = Dice::new(36);
-    let (mut warned, mut doubted) = (0, 0);
-    for seed in 0..60 {
+    let (mut warned, mut doubted) = (0, 0_u64);
+    for seed in 0..stages(60) {
         let mut truth = if seed % 2 == 0 { long_lever() } else { Machine::paper() };
         truth.statics = StaticErrors::from_values([0.0; 9].map(|_| dice.between(-1e-3, 1e-3)));
         let (length, angle) = if seed % 4 < 2 { (0.5, 20e-6) } else { (0.2, 5e-6) };
@@ -321,12 +327,15 @@ fn stages_with_all_errors_that_stages_have_are_never_refused() {
         }
         let result = fit(&truth, &settings(seed % 5 != 0, seed), "", str::to_string);
         let result = result.unwrap_or_else(|said| panic!("{seed}: {said}"));
-        doubted += usize::from(result.warnings.iter().any(|warning| warning.contains("misread")));
-        warned += usize::from(!result.warnings.is_empty());
+        doubted += u64::from(result.warnings.iter().any(|warning| warning.contains("misread")));
+        warned += u64::from(!result.warnings.is_empty());
     }
-    println!("figure: of 60 stages with position-dependent errors 0 refused, {warned} warned of, {doubted} doubted");
+    let count = stages(60);
+    println!(
+        "figure: of {count} stages with position-dependent errors 0 refused, {warned} warned of, {doubted} doubted"
+    );
     // the sign of one pair, which may be wrong by chance
-    assert!(warned > 50 && doubted <= 3);
+    assert!(6 * warned > 5 * count && doubted <= 3);
 }
 
 #[test]
