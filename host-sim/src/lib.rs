@@ -1,6 +1,7 @@
 //! The stage controller on the desktop: the stage's exact model, its calibration and its physical twin.
 #![forbid(unsafe_code)]
 
+pub mod bench_twin;
 pub mod board;
 pub mod calibrate;
 pub mod cli;
@@ -12,6 +13,7 @@ pub mod machine;
 pub mod manual;
 pub mod measure;
 pub mod model;
+pub mod optics;
 pub mod report;
 pub mod server;
 pub mod session;

@@ -1,0 +1,430 @@
+//! The digital twin of an alignment bench: two true stages, a splitter chip between them, a power meter, all seeded.
+//!
+//! [`Bench::machine`] is the true stage of a side: what a [`Board`](crate::board::Board) must turn. Its true poses go
+//! into [`Bench::light`] once a segment, and what the boards' converters see comes out of [`Bench::codes`].
+//! [`Bench::calibrated`] is what the controller may know of a stage. docs/BENCH.md has sizes and sources.
+
+mod calibrated;
+mod optimum;
+mod port;
+mod random;
+mod settling;
+mod stage;
+
+pub use calibrated::MeasuredWith;
+pub use optimum::{Optimum, STARTS};
+pub use port::Face;
+pub use settling::SettlingOptions;
+pub use stage::StageErrors;
+
+use crate::identify::{Identification, Refusal};
+use crate::machine::Machine;
+use crate::model::Truth;
+use crate::optics::{
+    Adc, Array, ArraySize, Burst, DARK_DBM, FrontEnd, Medium, Meter, MeterOptions, Misalignment, Mode, Pair, Splitter,
+    SplitterSize, dbm, milliwatts,
+};
+use nalgebra::Vector3;
+use port::{Parts, Place, Port};
+use random::Chance;
+use serde::Serialize;
+use settling::Settling;
+
+/// Ticks of 1 us in a minute.
+const TICKS_PER_MINUTE: f64 = 60e6;
+
+/// A side of the chip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Side {
+    /// The single fibre that brings the light.
+    Input,
+    /// The fibre array.
+    Output,
+}
+
+impl Side {
+    /// Both, in the order of every pair here.
+    pub const BOTH: [Side; 2] = [Side::Input, Side::Output];
+
+    /// 0 or 1.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+}
+
+/// What a channel of the power meter looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sees {
+    /// A fibre of the array, from 0.
+    Fibre(usize),
+    /// A large-area detector close behind the chip, in place of the array: the light of all outputs.
+    Detector,
+    /// Nothing.
+    Nothing,
+}
+
+/// Where the optimum lies from home at the beginning: what the cameras leave.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Guide 0 beside the fibre point in x and in y: uniform within plus and minus this, um.
+    pub lateral_um: f64,
+    /// The three angles: uniform within plus and minus this, degrees.
+    pub angle_deg: f64,
+    /// Least distance of the corners of the faces: uniform, um.
+    pub clearance_um: [f64; 2],
+}
+
+impl Start {
+    /// What cameras leave: 10 um, 0.4 degrees, 15 to 30 um.
+    pub const CAMERAS: Start = Start { lateral_um: 10.0, angle_deg: 0.4, clearance_um: [15.0, 30.0] };
+    /// Three times as far aside.
+    pub const COARSE: Start = Start { lateral_um: 30.0, ..Start::CAMERAS };
+}
+
+/// What a bench is drawn of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// The stages as their drawing says; its order, offsets, steps, play, travel and fibre point count.
+    pub drawing: Machine,
+    /// Errors of the true stages.
+    pub stage: StageErrors,
+    /// How they settle.
+    pub settling: SettlingOptions,
+    /// How they are measured for the controller.
+    pub measured: MeasuredWith,
+    /// Where the stages stand at the beginning.
+    pub start: Start,
+    /// Speed at which the chip drifts against each stage, um per minute, in a direction by chance.
+    pub drift_um_per_min: f64,
+    /// Between the faces.
+    pub medium: Medium,
+    /// Mode of the fibres.
+    pub fibre: Mode,
+    /// Mode of the guides, which is the same on both sides.
+    pub guide: Mode,
+    /// The chip.
+    pub splitter: SplitterSize,
+    /// Standard deviation of a core's place in the array in x and in y, um.
+    pub core_sigma_um: f64,
+    /// Faces of the fibre's block and of the array.
+    pub faces: [Face; 2],
+    /// Least distance of the corners that is left for the glue: the optimum keeps it, um.
+    pub working_gap_um: f64,
+    /// Power in the input fibre, dBm.
+    pub laser_dbm: f64,
+    /// The two channels of the meter.
+    pub meter: MeterOptions,
+    /// Their analog outputs, each wired to one input of both boards.
+    pub front_end: FrontEnd,
+    /// Noise of a conversion, steps of the converter.
+    pub adc_noise_lsb: f64,
+    /// What the channels look at in the beginning.
+    pub sees: [Sees; 2],
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        let splitter = SplitterSize::default();
+        let middle = -0.5 * splitter.pitch_um * (splitter.channels - 1) as f64;
+        Options {
+            drawing: Machine::paper(),
+            stage: StageErrors::default(),
+            settling: SettlingOptions::default(),
+            measured: MeasuredWith::default(),
+            start: Start::CAMERAS,
+            drift_um_per_min: 0.02,
+            medium: Medium { wavelength_um: 1.55, index: 1.5 },
+            fibre: Mode::round(5.2),
+            guide: Mode::round(4.8),
+            splitter,
+            core_sigma_um: 0.25,
+            faces: [
+                Face { middle_um: [0.0, 0.0], size_um: [1800.0, 1500.0] },
+                Face { middle_um: [middle, -100.0], size_um: [2500.0, 1500.0] },
+            ],
+            working_gap_um: 10.0,
+            laser_dbm: 0.0,
+            meter: MeterOptions::default(),
+            front_end: FrontEnd::LOGARITHMIC,
+            adc_noise_lsb: 1.0,
+            sees: [Sees::Fibre(0), Sees::Fibre(splitter.channels - 1)],
+        }
+    }
+}
+
+/// The faces of array and chip have touched: the bench is broken from here on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, thiserror::Error)]
+#[error("collision on the {} side at tick {tick}: a corner of the array is {:.3} um inside the chip; go back to where \
+         the gap was open and approach in smaller steps of z", if *side == Side::Input { "input" } else { "output" },
+        -clearance_um)]
+pub struct Collision {
+    /// Where.
+    pub side: Side,
+    /// When, ticks of 1 us.
+    pub tick: u64,
+    /// True pose of the stage, nm and nrad.
+    pub pose: [f64; 6],
+    /// Least distance of a corner, um: 0 or below.
+    pub clearance_um: f64,
+}
+
+/// One side as it moves.
+#[derive(Clone, Debug)]
+struct Station {
+    machine: Machine,
+    port: Port,
+    settling: Settling,
+    /// um per tick.
+    drift: Vector3<f64>,
+    /// As seen last.
+    place: Place,
+    clearance_um: f64,
+    /// Inputs of this side's board.
+    adc: [Adc; 2],
+}
+
+impl Station {
+    fn place(&self, tick: u64, pose: &[f64; 6]) -> Place {
+        self.port.place(pose, self.drift * tick as f64)
+    }
+}
+
+/// A bench: two true stages before a chip, the light that goes through, and what the boards see of it.
+#[derive(Clone, Debug)]
+pub struct Bench {
+    seed: u64,
+    options: Options,
+    stations: [Station; 2],
+    splitter: Splitter,
+    /// Of all outputs together, a share.
+    total: f64,
+    dead: Vec<bool>,
+    laser_dbm: f64,
+    sees: [Sees; 2],
+    meters: [Meter; 2],
+    /// Time of the last call of `light`.
+    tick: Option<u64>,
+    collision: Option<Collision>,
+}
+
+impl Bench {
+    /// A bench drawn by a seed; the same seed and options give the same one.
+    pub fn seeded(seed: u64, options: &Options) -> Self {
+        let mut chance = Chance::new(seed, 0);
+        let splitter = Splitter::draw(&options.splitter, || chance.normal());
+        let size = ArraySize {
+            channels: options.splitter.channels,
+            pitch_um: options.splitter.pitch_um,
+            core_sigma_um: options.core_sigma_um,
+        };
+        let arrays = [Array::single(), Array::draw(&size, || chance.normal())];
+        let mut arrays = arrays.into_iter();
+        let stations = Side::BOTH.map(|side| {
+            let array = arrays.next().expect("two sides");
+            Station::draw(side, array, options, &mut Chance::new(seed, 1 + side as u64))
+        });
+        let mut chance = Chance::new(seed, 3);
+        Bench {
+            seed,
+            stations,
+            total: splitter.total(),
+            dead: vec![false; splitter.loss_db.len()],
+            splitter,
+            laser_dbm: options.laser_dbm,
+            sees: options.sees,
+            meters: [0; 2].map(|_| Meter::new(options.meter, chance.bits())),
+            tick: None,
+            collision: None,
+            options: options.clone(),
+        }
+    }
+
+    /// The true stage of a side.
+    pub fn machine(&self, side: Side) -> &Machine {
+        &self.stations[side.index()].machine
+    }
+
+    /// The options that it was drawn of.
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// The stage of a side as its controller may know it: from noisy measurements, never from the truth.
+    ///
+    /// # Errors
+    /// When the measurements contradict each other or do not tell all constants.
+    pub fn calibrated(&self, side: Side) -> Result<Identification, Refusal> {
+        let seed = Chance::new(self.seed, 4 + side as u64).bits();
+        calibrated::calibrated(self.machine(side), &self.options.drawing, &self.options.measured, seed)
+    }
+
+    /// The light at a tick (us; never before that of the last call), when the stages stand at true poses (nm and nrad
+    /// from home, as [`Mechanics::true_pose`](crate::twin::Mechanics::true_pose) gives them): what falls into the two
+    /// channels of the meter, dBm, at least [`DARK_DBM`].
+    ///
+    /// The stages rest before the first call. Between two calls they move evenly.
+    pub fn light(&mut self, tick: u64, poses: [[f64; 6]; 2]) -> [f64; 2] {
+        for (station, pose) in self.stations.iter_mut().zip(&poses) {
+            let pose = match self.tick {
+                Some(before) => station.settling.follow(&self.options.settling, tick.saturating_sub(before), pose),
+                None => {
+                    station.settling.rest(*pose);
+                    *pose
+                }
+            };
+            station.place = station.place(tick, &pose);
+            station.clearance_um = station.port.clearance(&station.place);
+        }
+        if self.collision.is_none() {
+            let touching = |side: &Side| self.stations[side.index()].clearance_um <= 0.0;
+            self.collision = Side::BOTH.into_iter().find(touching).map(|side| {
+                let clearance_um = self.stations[side.index()].clearance_um;
+                Collision { side, tick, pose: poses[side.index()], clearance_um }
+            });
+        }
+        let coupled = self.laser_dbm - self.stations[0].port.loss_db(&self.stations[0].place, 0);
+        let light = self.sees.map(|sees| self.seen(sees, coupled));
+        for (meter, mw) in self.meters.iter_mut().zip(light) {
+            match self.tick {
+                Some(_) => meter.see(tick, mw),
+                None => meter.rest(tick, mw),
+            }
+        }
+        self.tick = Some(tick);
+        light.map(dbm)
+    }
+
+    /// Power in mW that a channel sees when so much (dBm) is in the input guide.
+    fn seen(&self, sees: Sees, coupled_dbm: f64) -> f64 {
+        match sees {
+            Sees::Fibre(channel) if channel < self.dead.len() && !self.dead[channel] => {
+                let output = &self.stations[1];
+                let loss = self.splitter.loss_db[channel] + output.port.loss_db(&output.place, channel);
+                milliwatts((coupled_dbm - loss).max(DARK_DBM))
+            }
+            Sees::Detector => self.total * milliwatts(coupled_dbm.max(DARK_DBM)),
+            _ => 0.0,
+        }
+    }
+
+    /// Samples of the two converter inputs of a side's board at the tick of the last call of [`Bench::light`]: the two
+    /// channels of the meter.
+    pub fn codes(&self, side: Side) -> [u16; 2] {
+        let tick = self.tick.unwrap_or(0);
+        std::array::from_fn(|i| {
+            let volts = self.options.front_end.volts(self.meters[i].milliwatts());
+            self.stations[side.index()].adc[i].sample(volts, tick)
+        })
+    }
+
+    /// What the meter shows at the tick of the last call of [`Bench::light`], dBm.
+    pub fn readings(&self) -> [f64; 2] {
+        self.meters.each_ref().map(Meter::dbm)
+    }
+
+    /// Puts a channel of the meter (0, 1) before another light, from the next call of [`Bench::light`] on.
+    pub fn connect(&mut self, channel: usize, sees: Sees) {
+        self.sees[channel] = sees;
+    }
+
+    /// What the channels of the meter look at.
+    pub fn sees(&self) -> [Sees; 2] {
+        self.sees
+    }
+
+    /// Power in the input fibre from now on, dBm; `None` is off.
+    pub fn laser(&mut self, dbm: Option<f64>) {
+        self.laser_dbm = dbm.unwrap_or(DARK_DBM);
+    }
+
+    /// Breaks a fibre of the array, or mends it.
+    pub fn break_fibre(&mut self, channel: usize, broken: bool) {
+        self.dead[channel] = broken;
+    }
+
+    /// A channel of the meter (0, 1) is noisier for some time, or no longer.
+    pub fn disturb(&mut self, channel: usize, burst: Option<Burst>) {
+        self.meters[channel].burst = burst;
+    }
+
+    /// A channel of the meter is at the end of its range.
+    pub fn is_saturated(&self, channel: usize) -> bool {
+        self.meters[channel].is_saturated()
+    }
+
+    /// Insertion loss of every channel at a tick and true poses (nm, nrad), settled, dB: splitter, input and output.
+    pub fn losses(&self, tick: u64, poses: &[[f64; 6]; 2]) -> Vec<f64> {
+        let [input, output] = [0, 1].map(|i| self.stations[i].place(tick, &poses[i]));
+        let coupled = self.stations[0].port.loss_db(&input, 0);
+        let port = &self.stations[1].port;
+        let each = self.splitter.loss_db.iter().enumerate();
+        each.map(|(i, loss)| coupled + loss + port.loss_db(&output, i)).collect()
+    }
+
+    /// How a fibre of a side stands before its guide at a tick and a true pose (nm, nrad). The input side has only
+    /// fibre 0.
+    pub fn misalignment(&self, side: Side, channel: usize, tick: u64, pose: &[f64; 6]) -> Misalignment {
+        let station = &self.stations[side.index()];
+        station.port.misalignment(&station.place(tick, pose), channel)
+    }
+
+    /// Least distance of the corners of a side's array from the chip at a tick and a true pose (nm, nrad), um.
+    pub fn clearance_um(&self, side: Side, tick: u64, pose: &[f64; 6]) -> f64 {
+        let station = &self.stations[side.index()];
+        station.port.clearance(&station.place(tick, pose))
+    }
+
+    /// By how much the chip has drifted against a stage since tick 0, um.
+    pub fn drift_um(&self, side: Side, tick: u64) -> [f64; 3] {
+        (self.stations[side.index()].drift * tick as f64).into()
+    }
+
+    /// The first contact of the faces.
+    pub fn collision(&self) -> Option<Collision> {
+        self.collision
+    }
+
+    /// Nothing has touched so far.
+    ///
+    /// # Errors
+    /// The first contact.
+    pub fn check(&self) -> Result<(), Collision> {
+        self.collision.map_or(Ok(()), Err)
+    }
+
+    /// The best alignment that this bench allows at tick 0, with motors that go anywhere.
+    pub fn optimum(&self) -> Optimum {
+        optimum::optimum(self)
+    }
+}
+
+impl Station {
+    fn draw(side: Side, array: Array, options: &Options, chance: &mut Chance) -> Self {
+        let machine = stage::true_stage(&options.drawing, &options.stage, chance);
+        let truth = Truth::new(&machine);
+        let start = options.start;
+        let port = Port::new(Parts {
+            euler: crate::model::Euler::new(&machine.order),
+            home: truth.place([0.0; 6]).0,
+            offset_um: [0; 2].map(|_| chance.within(start.lateral_um)),
+            angles_rad: [0; 3].map(|_| chance.within(start.angle_deg.to_radians())),
+            clearance_um: chance.between(start.clearance_um),
+            face: options.faces[side.index()],
+            pair: Pair::new(options.guide, options.fibre, options.medium),
+            array,
+            pitch_um: options.splitter.pitch_um,
+        });
+        let direction = loop {
+            let direction = Vector3::from_fn(|_, _| chance.normal());
+            if direction.norm() > 1e-3 {
+                break direction.normalize();
+            }
+        };
+        let adc = [0; 2].map(|_| Adc { noise_lsb: options.adc_noise_lsb, source: chance.bits() });
+        let drift = direction * (options.drift_um_per_min / TICKS_PER_MINUTE);
+        let place = port.place(&[0.0; 6], Vector3::zeros());
+        let clearance_um = port.clearance(&place);
+        Station { machine, port, settling: Settling::default(), drift, place, clearance_um, adc }
+    }
+}
