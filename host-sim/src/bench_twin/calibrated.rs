@@ -42,6 +42,7 @@ pub(super) fn calibrated(
         ..Settings::default()
     };
     let files = measure(truth, &settings);
-    let series = files.iter().map(|file| parse(&file.file, &file.text, &drawing.order)).collect::<Result<Vec<_>, _>>()?;
+    let series =
+        files.iter().map(|file| parse(&file.file, &file.text, &drawing.order)).collect::<Result<Vec<_>, _>>()?;
     identify(&series, &nominal(drawing), &Options::default(), &mut |_| ())
 }

@@ -19,7 +19,7 @@ pub use stage::StageErrors;
 
 use crate::identify::{Identification, Refusal};
 use crate::machine::Machine;
-use crate::model::Truth;
+use crate::model::{Chain, Truth};
 use crate::optics::{
     Adc, Array, ArraySize, Burst, DARK_DBM, FrontEnd, Medium, Meter, MeterOptions, Misalignment, Mode, Pair, Splitter,
     SplitterSize, dbm, milliwatts,
@@ -373,6 +373,32 @@ impl Bench {
     pub fn clearance_um(&self, side: Side, tick: u64, pose: &[f64; 6]) -> f64 {
         let station = &self.stations[side.index()];
         station.port.clearance(&station.place(tick, pose))
+    }
+
+    /// The true pose of a side (nm, nrad) in which the array stands straight before the guides at tick 0, the fibre
+    /// point on guide 0 and no gap between them: where the chip truly is. Core errors do not count here.
+    pub fn seat(&self, side: Side) -> [f64; 6] {
+        let port = &self.stations[side.index()].port;
+        port.pose(Vector3::zeros(), port.straight())
+    }
+
+    /// Actuators (nm, nrad, as if the motors had no steps) that bring the true stage of a side to a pose (nm, nrad).
+    /// None when the iteration does not converge: angles far beyond any travel.
+    pub fn actuators(&self, side: Side, pose: &[f64; 6]) -> Option<[f64; 6]> {
+        let machine = self.machine(side);
+        let (chain, truth) = (Chain::new(machine), Truth::new(machine));
+        let (mut wanted, mut actuators) = (*pose, chain.exact_inverse(*pose)?);
+        // the chain has all but the kinematic errors, which hardly change over their own size
+        for _ in 0..20 {
+            let reached = truth.pose(actuators);
+            let off: [f64; 6] = std::array::from_fn(|i| pose[i] - reached[i]);
+            if off.iter().all(|off| off.abs() < 1e-3) {
+                return Some(actuators);
+            }
+            wanted = std::array::from_fn(|i| wanted[i] + off[i]);
+            actuators = chain.exact_inverse(wanted)?;
+        }
+        None
     }
 
     /// By how much the chip has drifted against a stage since tick 0, um.

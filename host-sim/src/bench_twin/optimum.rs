@@ -4,8 +4,8 @@
 //! channel is best when each side by itself is: two problems of six coordinates. In each the largest of some smooth
 //! losses is sought the least, while four corners keep a distance. The largest is smoothed, ln Σ exp(t L_i) / t, with t
 //! rising; a corner that is too near costs in proportion, also smoothed. Each of these is minimised by Newton steps
-//! whose derivatives are those of the smooth losses, taken by differences. At the end the array recedes until the
-//! nearest corner keeps its distance exactly, and the true largest loss counts.
+//! whose derivatives are those of the smooth losses, taken by differences. At the end the array is moved until
+//! the nearest corner keeps its distance exactly, and the true largest loss counts.
 
 use super::port::{Place, Port};
 use super::random::Chance;
@@ -108,10 +108,11 @@ impl<'a> Problem<'a> {
         out.extend(self.port.corners(&place).map(|corner| self.gap - corner));
     }
 
-    /// The loss of the worst channel when the array recedes until the nearest corner keeps its distance, and where.
+    /// The loss of the worst channel when the array is moved along z until the nearest corner keeps its distance, and
+    /// where.
     fn kept(&self, mut at: Vector) -> (f64, Vector) {
         for _ in 0..3 {
-            at[2] -= (self.gap - self.port.clearance(&self.place(&at))).max(0.0);
+            at[2] -= self.gap - self.port.clearance(&self.place(&at));
         }
         let place = self.place(&at);
         let losses = self.fixed.iter().enumerate().map(|(i, fixed)| fixed + self.port.loss_db(&place, i));
@@ -122,7 +123,8 @@ impl<'a> Problem<'a> {
         let (losses, corners) = values.split_at(self.fixed.len());
         let largest = losses.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let sum: f64 = losses.iter().map(|loss| (sharpness * (loss - largest)).exp()).sum();
-        let near: f64 = corners.iter().map(|by| by.max(0.0) + (-(sharpness * by).abs()).exp().ln_1p() / sharpness).sum();
+        let near: f64 =
+            corners.iter().map(|by| by.max(0.0) + (-(sharpness * by).abs()).exp().ln_1p() / sharpness).sum();
         largest + sum.ln() / sharpness + PENALTY * near
     }
 

@@ -97,11 +97,6 @@ impl Port {
         self.euler.decompose(&(self.guides * self.home.transpose()))
     }
 
-    /// Fibres of the array.
-    pub fn channels(&self) -> usize {
-        self.array.cores_um.len()
-    }
-
     /// How fibre `channel` stands before its guide.
     #[inline]
     pub fn misalignment(&self, place: &Place, channel: usize) -> Misalignment {

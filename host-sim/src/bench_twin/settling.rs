@@ -43,3 +43,40 @@ impl Settling {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STAGE: SettlingOptions = SettlingOptions { share: 0.02, time_us: 2000.0 };
+
+    fn along(x: f64) -> [f64; 6] {
+        [x, 0.0, 0.0, 0.0, 0.0, 0.0]
+    }
+
+    #[test]
+    fn after_a_step_the_late_share_dies_out_exponentially_however_the_time_is_cut() {
+        for cut in [1, 10, 250, 1000, 4000] {
+            let mut settling = Settling::default();
+            settling.rest(along(500.0));
+            assert_eq!(settling.follow(&STAGE, 0, &along(1500.0))[0], 1500.0 - 0.02 * 1000.0);
+            let mut now = 0.0;
+            for _ in 0..4000 / cut {
+                now = settling.follow(&STAGE, cut, &along(1500.0))[0];
+            }
+            assert!((now - (1500.0 - 20.0 * (-2.0_f64).exp())).abs() < 1e-9, "{cut}: {now}");
+        }
+    }
+
+    #[test]
+    fn in_steady_motion_the_stage_is_late_by_share_times_time() {
+        let mut settling = Settling::default();
+        let speed = 0.2;
+        let mut behind = 0.0;
+        for k in 1..200 {
+            let at = speed * f64::from(k) * 256.0;
+            behind = at - settling.follow(&STAGE, 256, &along(at))[0];
+        }
+        assert!((behind / speed - 0.02 * 2000.0).abs() < 1e-6, "{behind}");
+    }
+}
