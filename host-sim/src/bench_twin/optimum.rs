@@ -128,26 +128,23 @@ impl<'a> Problem<'a> {
         largest + sum.ln() / sharpness + PENALTY * near
     }
 
+    /// All functions some units away from a point.
+    fn moved(&self, at: &Vector, by: &[(usize, f64)]) -> Vec<f64> {
+        let mut moved = *at;
+        by.iter().for_each(|(i, by)| moved[*i] += by);
+        let mut values = Vec::with_capacity(self.fixed.len() + 4);
+        self.functions(&moved, &mut values);
+        values
+    }
+
     /// All functions with their derivatives, by central differences.
     fn expand(&self, at: &Vector) -> Vec<Smooth> {
-        let value_at = |move_by: &[(usize, f64)]| {
-            let mut moved = *at;
-            move_by.iter().for_each(|(i, by)| moved[*i] += by);
-            let mut values = Vec::with_capacity(self.fixed.len() + 4);
-            self.functions(&moved, &mut values);
-            values
-        };
-        let middle = value_at(&[]);
-        let blank = |value: &f64| Smooth { value: *value, gradient: Vector::zeros(), hessian: Matrix::zeros() };
-        let mut functions: Vec<Smooth> = middle.iter().map(blank).collect();
+        let blank = Smooth { value: 0.0, gradient: Vector::zeros(), hessian: Matrix::zeros() };
+        let mut functions = vec![blank; self.fixed.len() + 4];
+        self.slopes(at, &mut functions);
         for i in 0..6 {
-            let [more, less] = [STEP, -STEP].map(|by| value_at(&[(i, by)]));
-            for (k, f) in functions.iter_mut().enumerate() {
-                f.gradient[i] = (more[k] - less[k]) / (2.0 * STEP);
-                f.hessian[(i, i)] = (more[k] - 2.0 * middle[k] + less[k]) / (STEP * STEP);
-            }
             for j in 0..i {
-                let corner = |a: f64, b: f64| value_at(&[(i, a * STEP), (j, b * STEP)]);
+                let corner = |a: f64, b: f64| self.moved(at, &[(i, a * STEP), (j, b * STEP)]);
                 let four = [corner(1.0, 1.0), corner(-1.0, -1.0), corner(1.0, -1.0), corner(-1.0, 1.0)];
                 for (k, f) in functions.iter_mut().enumerate() {
                     let mixed = (four[0][k] + four[1][k] - four[2][k] - four[3][k]) / (4.0 * STEP * STEP);
@@ -157,6 +154,19 @@ impl<'a> Problem<'a> {
             }
         }
         functions
+    }
+
+    /// Values, slopes and the curvatures along the coordinates anew; the mixed ones hardly change over a few units.
+    fn slopes(&self, at: &Vector, functions: &mut [Smooth]) {
+        let middle = self.moved(at, &[]);
+        for i in 0..6 {
+            let [more, less] = [STEP, -STEP].map(|by| self.moved(at, &[(i, by)]));
+            for (k, f) in functions.iter_mut().enumerate() {
+                f.value = middle[k];
+                f.gradient[i] = (more[k] - less[k]) / (2.0 * STEP);
+                f.hessian[(i, i)] = (more[k] - 2.0 * middle[k] + less[k]) / (STEP * STEP);
+            }
+        }
     }
 
     /// Slopes and curvatures of the smoothed objective.
@@ -188,8 +198,10 @@ impl<'a> Problem<'a> {
             let mut damping = 1e-6;
             self.functions(&at, &mut values);
             let mut now = self.objective(&values, sharpness);
+            let mut functions = self.expand(&at);
             for _ in 0..STEPS {
-                let (gradient, hessian) = self.derivatives(&self.expand(&at), sharpness);
+                self.slopes(&at, &mut functions);
+                let (gradient, hessian) = self.derivatives(&functions, sharpness);
                 let before = now;
                 for _ in 0..12 {
                     let damped = hessian + Matrix::identity() * (damping * (1.0 + hessian.diagonal().amax()));

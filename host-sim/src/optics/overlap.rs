@@ -2,9 +2,10 @@
 //!
 //! Exact in the paraxial approximation, with offset, gap and tilt together. The field of an elliptical Gaussian is a
 //! product of one in x and one in y, so the overlap is one too. In x, on the plane of the fibre's face, the light of the
-//! guide is sqrt(i z_R / q) exp(-i k x² / 2q) with q = z + i z_R, and the mode of the fibre exp(-(x - d)² / w_f²
-//! - i k θ (x - d)); both times (2 / π w²)^¼. Their overlap is ∫ exp(-a x² + b x + c) dx = sqrt(π / a) exp(b² / 4a + c)
-//! with a = 1 / w_f² + i k / 2q, b = 2 d / w_f² + i k θ, c = -d² / w_f² - i k θ d.
+//! guide is sqrt(i z_R / q) exp(-i k x² / 2q) with q = z + i z_R, and the mode of the fibre
+//! exp(-(x - d)² / w_f²) exp(-i k θ (x - d)); both times (2 / π w²)^¼. Their overlap is
+//! ∫ exp(-a x² + b x + c) dx = sqrt(π / a) exp(b² / 4a + c) with a = 1 / w_f² + i k / 2q, b = 2 d / w_f² + i k θ,
+//! c = -d² / w_f² - i k θ d.
 
 use super::{Medium, Mode};
 
