@@ -12,6 +12,7 @@ mod homing;
 mod motion;
 mod orders;
 mod safety;
+mod sense;
 mod standstill;
 mod storage;
 
@@ -22,6 +23,7 @@ pub use homing::{REFERENCE_NM, REFERENCE_NRAD, SLOW_STEP_US};
 use orders::{Waiting, WaitingOrder};
 pub use safety::Health;
 use safety::{EmergencyStop, Events};
+use sense::Sense;
 use storage::Storage;
 pub use storage::{Start, StorageRequest};
 
@@ -111,6 +113,7 @@ pub struct Front {
     /// A motion that was accepted and turned out to break a limit.
     late_error: Option<Error>,
     report: Report,
+    sense: Sense,
     events: Events,
     storage: Storage,
     pivots: [Option<[i32; 3]>; PIVOTS],
@@ -178,6 +181,7 @@ impl Front {
             planner: Planner::at_rest(Pose::default()),
             // lines that are pulled up, until they are known
             report: Report { settled: true, inputs: Inputs { fault: 0x3f, ..Inputs::default() }, ..Report::default() },
+            sense: Sense::default(),
             sequence: 0,
             lead: LEAD,
             planned_from: 0,
