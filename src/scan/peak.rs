@@ -28,6 +28,8 @@ const DEPTH: i32 = 3 * DB;
 const ROUNDS: usize = 4;
 /// Beyond so many standard deviations of the rest a point does not belong.
 const STRAY: u64 = 4;
+/// What is left over of a point that always belongs, squared: a thousandth of a dB.
+const ALWAYS: u128 = 1_000_000;
 /// A curvature counts from so many of its standard deviations on.
 const CURVED: u64 = 6;
 
@@ -225,7 +227,7 @@ pub fn find(points: &[Point]) -> Option<Peak> {
         let freedom = (fit.count - 3).max(0) as u64;
         let variance = wide::div(squares, u128::from(freedom.max(1)));
         // a stray among n points makes their deviation a part of it that goes with the root of n
-        let limit = variance.saturating_mul(u128::from(STRAY * STRAY));
+        let limit = variance.saturating_mul(u128::from(STRAY * STRAY)).max(ALWAYS);
         let mut better = mask;
         for (n, point) in used() {
             if u128::from(left(point).unsigned_abs().pow(2)) > limit && freedom > 3 {
