@@ -21,6 +21,11 @@ pub struct Record {
 
 const _: () = assert!(size_of::<Record>() == 32);
 
+impl Record {
+    /// None yet.
+    pub const EMPTY: Record = Record { segments: 0, counts: [0; AXES], power: [0; POWER_INPUTS] };
+}
+
 /// A record as it is told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Told {

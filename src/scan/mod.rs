@@ -82,6 +82,23 @@ pub struct Definition {
 }
 
 impl Definition {
+    /// None; all bytes are zero.
+    pub const NONE: Definition = Definition {
+        defined: false,
+        kind: Kind::Line,
+        channel: 0,
+        axes: [0; SCAN_AXES],
+        count: 0,
+        range: [0; 2],
+        pitch: 0,
+        step: 0,
+        least: 0,
+        number: 0,
+        threshold: 0,
+        end: End::Peak,
+        negative: false,
+    };
+
     /// The axes.
     pub fn axes(&self) -> impl Iterator<Item = Axis> {
         self.axes.into_iter().take(self.count.into()).filter_map(|i| Axis::from_index(i.into()))
@@ -164,22 +181,19 @@ pub struct Outcome {
     pub level: i32,
     /// Position of the peak, nm or nrad, of the axes that were scanned.
     pub position: [i32; AXES],
-    /// Its standard uncertainty, nm or nrad; none: not known.
-    pub sigma: [Option<u32>; SCAN_AXES],
+    /// Its standard uncertainty, nm or nrad; 0: not known.
+    pub sigma: [u32; SCAN_AXES],
     /// Where it ended.
     pub ended: [i32; AXES],
 }
 
 impl Outcome {
+    /// None; all bytes are zero.
+    pub const NONE: Outcome =
+        Outcome { status: 0, samples: 0, level: 0, position: [0; AXES], sigma: [0; SCAN_AXES], ended: [0; AXES] };
+
     /// As a scan begins.
-    pub const FRESH: Outcome = Outcome {
-        status: status::RUNNING,
-        samples: 0,
-        level: DARK,
-        position: [0; AXES],
-        sigma: [None; SCAN_AXES],
-        ended: [0; AXES],
-    };
+    pub const FRESH: Outcome = Outcome { status: status::RUNNING, level: DARK, ..Outcome::NONE };
 
     /// True when it says where the peak is, or where light was found.
     pub fn has_position(&self) -> bool {
