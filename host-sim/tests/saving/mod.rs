@@ -15,7 +15,6 @@ use stage_controller::scpi::tree::{Form, Kind, TABLE};
 use stage_controller::settings::{self, BAUD_MAX, BAUD_MIN, BacklashMode, Settings};
 use stage_controller::store::record::seal;
 use stage_controller::store::{Buffer, RECORD_CAPACITY, Record, Standstill, Store, service};
-use stage_controller::units::AXES;
 use std::sync::OnceLock;
 
 /// The part of `full` to do: all of it in a release build.
