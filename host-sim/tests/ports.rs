@@ -89,6 +89,10 @@ impl Hal for Desk {
         self.reports.pop_front()
     }
 
+    fn sample(&mut self) -> Option<stage_controller::refill::border::Sample> {
+        None
+    }
+
     fn can_order(&self) -> bool {
         self.orders.0.len() < 4
     }

@@ -23,7 +23,7 @@ use embassy_stm32::interrupt::Priority;
 use embassy_stm32::pac;
 use refill::Border;
 use stage_controller::hal::{Hal, Signs};
-use stage_controller::refill::border::{Order, Report};
+use stage_controller::refill::border::{Order, Report, Sample};
 use stage_controller::refill::safety::{Halt, Watch};
 use stage_controller::store::Standstill;
 use stage_controller::store::standstill::Keeper;
@@ -89,6 +89,10 @@ impl Board {
 impl Hal for Board {
     fn report(&mut self) -> Option<Report> {
         self.border.report()
+    }
+
+    fn sample(&mut self) -> Option<Sample> {
+        None
     }
 
     fn can_order(&self) -> bool {

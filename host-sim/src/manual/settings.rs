@@ -72,7 +72,11 @@ pub fn table() -> String {
     let mut live = Live::new();
     let mut text = String::from("| Setting | Unit | MIN | MAX | DEF |\n|---|---|---|---|---|\n");
     for entry in TABLE.iter().filter(|entry| is_setting(entry)) {
-        let per_axis = if entry.pattern.contains('#') { &Axis::ALL[..] } else { &Axis::ALL[..1] };
+        let per_axis = if entry.pattern.contains('#') {
+            &Axis::ALL[..usize::from(*entry.numbers().end())]
+        } else {
+            &Axis::ALL[..1]
+        };
         let mut rows: Vec<(RangeInclusive<usize>, &str, [String; 3])> = Vec::new();
         for (n, axis) in per_axis.iter().enumerate() {
             let (unit, range) = (unit(entry, *axis), live.range(entry, *axis));

@@ -35,6 +35,7 @@ impl Front {
     fn try_check(&self, target: [i64; AXES], check: &mut Check) -> Result<(), Error> {
         self.armed()?;
         self.not_homing()?;
+        self.not_scanning()?;
         for axis in Axis::ALL {
             self.ready(axis)?;
         }

@@ -105,6 +105,7 @@ impl Front {
     pub fn home(&mut self, axis: Axis) -> Result<(), Error> {
         self.armed()?;
         self.not_homing()?;
+        self.not_scanning()?;
         self.standstill()?;
         let i = axis.index();
         let own = self.settings.axes[i];

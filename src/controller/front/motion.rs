@@ -10,6 +10,7 @@ impl Front {
     /// is not to be disturbed.
     fn free_to_move(&self) -> Result<(), Error> {
         self.not_homing()?;
+        self.not_scanning()?;
         if self.abort == Abort::None && self.preload.is_none() { Ok(()) } else { Err(refuse(ErrorNumber::Moving)) }
     }
 
@@ -204,6 +205,7 @@ impl Front {
     /// Decelerates an axis, and every coordinated move that it belongs to.
     pub fn stop(&mut self, axis: Axis) {
         self.stop_homing(axis);
+        self.stop_scan();
         if self.preload.take().is_some() {
             self.planner.stop_coordinated();
         }
@@ -218,12 +220,14 @@ impl Front {
 
     /// Stops all motors at once, at the word that plays now.
     pub fn abort(&mut self) {
+        self.abort_trace();
         if self.abort == Abort::None && !self.planner.is_running() && self.report.settled {
             // nothing has begun: there is nothing to stop, only something to forget
             self.planner.forget();
             self.preload = None;
             self.jog_links = [None; AXES];
             self.end_homing(None);
+            self.end_scan(crate::scan::status::STOPPED);
         } else if self.abort == Abort::None {
             self.judge_speeds(self.report.played);
             self.planner.clear();

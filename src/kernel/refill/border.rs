@@ -5,7 +5,7 @@ use crate::compensation::backlash::{Flank, PlayConfig};
 use crate::compensation::law::Law;
 use crate::motion::track::Track;
 use crate::stepgen::timing::Timing;
-use crate::units::{AXES, MotorSteps, Pose};
+use crate::units::{AXES, MotorSteps, Pose, SEGMENT_TICKS};
 
 /// What the generator is to do.
 #[derive(Clone, Copy, Debug)]
@@ -141,6 +141,36 @@ pub struct Report {
     pub stepping_up: u8,
     /// Bit n: the same downwards.
     pub stepping_down: u8,
+}
+
+/// Inputs that measure light.
+pub const POWER_INPUTS: usize = 2;
+/// Conversions of each input that make a sample, one after the other from the border on (12 us).
+pub const CONVERSIONS: u16 = 8;
+/// Greatest value of a conversion, 12 bit.
+pub const CONVERSION_MAX: u16 = 4095;
+
+/// What the power inputs say at a border between two segments, and where the motors stand there: exactly, because a
+/// border is where the generator's state is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sample {
+    /// Segments completely played: the tick is [`Sample::tick`].
+    pub played: u64,
+    /// Motor counts, overlay included.
+    pub counts: MotorSteps,
+    /// The same without the overlay.
+    pub steps: MotorSteps,
+    /// Bit n: motor n takes up its play.
+    pub taking_up: u8,
+    /// Sum of [`CONVERSIONS`] conversions of each input.
+    pub power: [u16; POWER_INPUTS],
+}
+
+impl Sample {
+    /// The tick at which it was taken.
+    pub fn tick(&self) -> u64 {
+        self.played * SEGMENT_TICKS as u64
+    }
 }
 
 impl Report {

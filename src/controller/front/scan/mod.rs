@@ -1,0 +1,344 @@
+//! Scans: moves and samples of light, one after the other, until the peak is known.
+//!
+//! # Design
+//! A scan is a route of ways between points at rest. The states advance at rest only, from the reports, as those of a
+//! homing do; the samples of a leg that is sampled in motion are consumed as they come. Every point of the route is
+//! checked before the first step: a scan that would leave the range of an axis or the travel of a motor moves nothing.
+//!
+//! # Play
+//! Lines are sampled in one direction. Each begins beyond its range by the play and the margin of its motor, so that the
+//! play is taken up, and by what it takes to reach its speed; there the stage comes to rest, so that a take-up in time
+//! has ended as well. The end, too, is approached from that side. A climb goes both ways: it is refused where the play
+//! that is not compensated would swallow its steps.
+//!
+//! # Limitations
+//! Samples of a leg are placed by the motor of its own axis, linearly between both ends of the leg: exact for linear
+//! axes, to the second order of the leg for rotary ones.
+
+mod finish;
+mod route;
+mod sampling;
+
+use super::sense::{Trigger, late_segments};
+use super::{Abort, Front};
+use crate::error::{Error, ErrorNumber};
+use crate::scan::climb::Climb;
+use crate::scan::{Definition, Kind, Outcome, SCAN_AXES, SCANS, status};
+use crate::units::{Pose, SEGMENT_NS};
+use route::Leg;
+use sampling::Block;
+
+/// Segments beyond those of a mean after which samples are given up: a second.
+const PATIENCE: u64 = 1_000_000_000 / SEGMENT_NS;
+/// Ways of a route that may wait: past the play, to the begin, to the end.
+const WAYS: usize = 3;
+
+/// What follows when all ways are gone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Next {
+    /// A leg is sampled in motion.
+    Leg,
+    /// The light is measured at rest.
+    Measure,
+    /// The scan has ended.
+    Over,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    /// Waits for `*TRG`.
+    Armed,
+    /// Goes the ways that wait.
+    Going(Next),
+    /// A leg is sampled in motion.
+    Sampling,
+    /// Light was found: stops.
+    Crossing,
+    /// At rest; samples up to this segment are still to come.
+    Draining(u64),
+    /// At rest: samples from this segment on count.
+    Settling(u64),
+    /// Stops on command.
+    Stopping,
+    /// Stopped on command, and can go on.
+    Paused,
+}
+
+/// A scan on its way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scan {
+    id: u8,
+    phase: Phase,
+    definition: Definition,
+    /// Where it began: offsets of its axes count from here.
+    start: Pose,
+    ways: [Option<Pose>; WAYS],
+    /// Number of the leg or of the point.
+    index: u16,
+    leg: Leg,
+    block: Block,
+    climb: Climb,
+    /// The greatest sample: level and offsets.
+    best: (i32, [i32; SCAN_AXES]),
+    /// The sample that reached the threshold.
+    first: Option<[i32; SCAN_AXES]>,
+    /// Lines of a raster that have a peak.
+    lines: u8,
+    /// It is on its way to its end, which is repeated after a stop.
+    over: bool,
+    /// Why it fails, told in the end.
+    fails: Option<Error>,
+    outcome: Outcome,
+}
+
+impl Front {
+    // ---- definitions and results ----
+
+    /// Keeps the definition of a scan.
+    ///
+    /// # Errors
+    /// -213 while this one runs.
+    pub fn define_scan(&mut self, id: usize, definition: Definition) -> Result<(), Error> {
+        if self.scan.as_ref().is_some_and(|scan| usize::from(scan.id) == id) {
+            self.not_scanning()?;
+            self.scan = None;
+        }
+        let kept = self.light.get_mut().and_then(|memory| memory.kept.get_mut(id)).ok_or(no_memory())?;
+        (kept.definition, kept.outcome) = (definition, Outcome::NONE);
+        Ok(())
+    }
+
+    /// The definition of a scan.
+    ///
+    /// # Errors
+    /// -221 when there is none.
+    pub fn scan_definition(&self, id: usize) -> Result<&Definition, Error> {
+        let kept = self.light.get().and_then(|memory| memory.kept.get(id)).ok_or(no_memory())?;
+        if kept.definition.defined { Ok(&kept.definition) } else { Err(not_defined()) }
+    }
+
+    /// What a scan has given so far.
+    ///
+    /// # Errors
+    /// -221 when it is not defined or has never begun.
+    pub fn scan_outcome(&self, id: usize) -> Result<Outcome, Error> {
+        self.scan_definition(id)?;
+        if let Some(scan) = self.scan.as_ref().filter(|scan| usize::from(scan.id) == id) {
+            return Ok(Outcome { ended: self.position().0, ..scan.outcome });
+        }
+        let kept = self.light.get().and_then(|memory| memory.kept.get(id)).ok_or(no_memory())?;
+        if kept.outcome.status == 0 {
+            return Err(Error::text(ErrorNumber::SettingsConflict, "scan never started"));
+        }
+        Ok(kept.outcome)
+    }
+
+    /// Number and phase of the scan that runs: 0 none, 1 waits for its trigger, 2 moves, 3 samples, 4 stopped.
+    pub fn scan_state(&self) -> (u8, u8) {
+        let phase = |scan: &Scan| match scan.phase {
+            Phase::Armed => 1,
+            Phase::Going(_) | Phase::Crossing | Phase::Stopping => 2,
+            Phase::Sampling | Phase::Draining(_) | Phase::Settling(_) => 3,
+            Phase::Paused => 4,
+        };
+        self.scan.as_ref().map_or((0, 0), |scan| (phase(scan), scan.id))
+    }
+
+    /// True from the start of a scan to its end; a stopped one does not run.
+    pub fn is_scanning(&self) -> bool {
+        self.scan.as_ref().is_some_and(|scan| scan.phase != Phase::Paused)
+    }
+
+    pub(super) fn scan_is_armed(&self) -> bool {
+        self.scan.as_ref().is_some_and(|scan| scan.phase == Phase::Armed)
+    }
+
+    /// # Errors
+    /// -213 while a scan runs.
+    pub(super) fn not_scanning(&self) -> Result<(), Error> {
+        if self.is_scanning() { Err(Error::text(ErrorNumber::InitIgnored, "scan running")) } else { Ok(()) }
+    }
+
+    // ---- commands ----
+
+    /// Starts a scan, or arms it.
+    ///
+    /// # Errors
+    /// 103 while the emergency stop is latched, -213 while a scan or a homing runs, 104 while moving, -221 when it is not
+    /// defined or its steps are smaller than the play, 108, 102 and -222 as moves: nothing moves then.
+    pub fn start_scan(&mut self, id: usize) -> Result<(), Error> {
+        self.free_to_scan()?;
+        let definition = *self.scan_definition(id)?;
+        let start = self.commanded();
+        let scan = Scan {
+            id: id as u8,
+            phase: Phase::Armed,
+            definition,
+            start,
+            ways: [None; WAYS],
+            index: 0,
+            leg: Leg::default(),
+            block: Block::default(),
+            climb: Climb::new(&definition),
+            best: (i32::MIN, [0; SCAN_AXES]),
+            first: None,
+            lines: 0,
+            over: false,
+            fails: None,
+            outcome: Outcome::FRESH,
+        };
+        self.check_scan(&scan)?;
+        self.scan = Some(scan);
+        self.sense.watched |= 1 << definition.channel;
+        if self.sense.trigger == Trigger::Immediate {
+            self.begin_part();
+        }
+        Ok(())
+    }
+
+    fn free_to_scan(&self) -> Result<(), Error> {
+        self.armed()?;
+        self.not_homing()?;
+        self.not_scanning()?;
+        self.standstill()
+    }
+
+    /// `*TRG`; true when a scan has waited for it.
+    pub(super) fn trigger_scan(&mut self) -> Result<bool, Error> {
+        let waits = self.scan_is_armed();
+        if waits {
+            self.armed()?;
+            self.begin_part();
+        }
+        Ok(waits)
+    }
+
+    /// Stops a scan: what moves decelerates. It can go on.
+    pub fn stop_scan(&mut self) {
+        let Some(scan) = &mut self.scan else { return };
+        match scan.phase {
+            Phase::Armed => self.end_scan(status::STOPPED),
+            Phase::Paused => {}
+            _ => {
+                scan.phase = Phase::Stopping;
+                self.planner.stop_coordinated();
+            }
+        }
+    }
+
+    /// Goes on with a scan that was stopped: its line, its point or its way to the end is repeated.
+    ///
+    /// # Errors
+    /// -221 when there is none; those of [`Front::start_scan`].
+    pub fn continue_stopped_scan(&mut self) -> Result<(), Error> {
+        self.free_to_scan()?;
+        let Some(scan) = self.scan else {
+            return Err(Error::text(ErrorNumber::SettingsConflict, "no stopped scan"));
+        };
+        self.check_scan(&scan)?;
+        if let Some(scan) = &mut self.scan {
+            scan.outcome.status = scan.outcome.status & !status::STOPPED | status::RUNNING;
+        }
+        if scan.over {
+            self.conclude()
+        } else {
+            self.begin_part()
+        }
+        Ok(())
+    }
+
+    /// Forgets a stopped scan: its coordinates no longer mean the same.
+    pub(super) fn forget_stopped_scan(&mut self) {
+        if !self.is_scanning() {
+            self.scan = None;
+        }
+    }
+
+    /// Ends a scan where it stands, for the reason in `flag`; a stopped one is no longer there to go on.
+    pub(super) fn end_scan(&mut self, flag: u16) {
+        let Some(mut scan) = self.scan.take() else { return };
+        scan.outcome.status = scan.outcome.status & !status::RUNNING | flag;
+        scan.outcome.ended = self.law().forward(self.report.final_steps).0;
+        if let Some(kept) = self.light.get_mut().and_then(|memory| memory.kept.get_mut(usize::from(scan.id))) {
+            kept.outcome = scan.outcome;
+        }
+        self.events.scan = scan.fails.filter(|_| flag & status::FAILED != 0).or(self.events.scan);
+        self.refresh();
+    }
+
+    // ---- its course ----
+
+    /// Begins the leg or the point whose turn it is.
+    fn begin_part(&mut self) {
+        let Some(scan) = self.scan else { return };
+        if let Some(memory) = self.light.get_mut() {
+            let lines = matches!(scan.definition.kind, Kind::Line | Kind::Raster);
+            if lines || scan.index == 0 && scan.definition.kind == Kind::Parabola {
+                memory.samples.clear();
+            }
+        }
+        let (ways, next) = self.part_of(&scan);
+        if let Some(scan) = &mut self.scan {
+            scan.block = Block::default();
+            (scan.ways, scan.phase) = (ways, Phase::Going(next));
+        }
+    }
+
+    /// Advances a scan; call it when no order is awaited.
+    pub(super) fn continue_scan(&mut self) {
+        if self.scan.is_none() || self.abort != Abort::None {
+            return;
+        }
+        let rests = !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence;
+        let played = self.report.played;
+        let heard = self.latest_sample().map_or(0, |sample| sample.played);
+        let Some(scan) = &mut self.scan else { return };
+        let settings = self.settings.sense[usize::from(scan.definition.channel & 1)];
+        let wanted = u64::from(settings.average);
+        match scan.phase {
+            _ if !rests => {}
+            Phase::Armed | Phase::Paused => {}
+            Phase::Going(next) => {
+                if let Some(way) = scan.ways.iter_mut().find_map(Option::take) {
+                    self.planner.go(way, None);
+                    return;
+                }
+                match next {
+                    Next::Leg => self.start_leg(),
+                    Next::Measure => {
+                        let from = played + late_segments(&settings);
+                        (scan.block, scan.phase) = (Block::default(), Phase::Settling(from));
+                    }
+                    Next::Over => {
+                        let flag = if scan.fails.is_some() { status::FAILED } else { status::DONE };
+                        self.end_scan(flag);
+                    }
+                }
+            }
+            Phase::Sampling => scan.phase = Phase::Draining(played),
+            Phase::Draining(until) if heard >= until => self.leg_done(),
+            Phase::Settling(_) if u64::from(scan.block.count()) >= wanted => self.measured(),
+            Phase::Draining(from) | Phase::Settling(from) => {
+                if played > from + wanted + PATIENCE {
+                    self.fail_scan("no samples of the power inputs");
+                }
+            }
+            Phase::Crossing => self.found_light(),
+            Phase::Stopping => {
+                scan.phase = Phase::Paused;
+                scan.outcome.status = scan.outcome.status & !status::RUNNING | status::STOPPED;
+                self.refresh();
+            }
+        }
+    }
+}
+
+fn no_memory() -> Error {
+    Error::text(ErrorNumber::SettingsConflict, "no memory for scans")
+}
+
+fn not_defined() -> Error {
+    Error::text(ErrorNumber::SettingsConflict, "scan not defined")
+}
+
+const _: () = assert!(SCANS <= 1 << 8);

@@ -1,0 +1,168 @@
+//! The samples of a scan: means, and where they were taken.
+
+use super::{Phase, Scan};
+use crate::controller::front::Front;
+use crate::refill::border::Sample;
+use crate::scan::{End, Kind, SCAN_AXES, status};
+use crate::sense::{FULL_SCALE, Reading};
+
+/// Samples on their way to a mean.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Block {
+    count: u16,
+    sum: u32,
+    /// Counts of the leg's motor.
+    steps: i64,
+    saturated: bool,
+    /// Offset and segment of the first and of the last sample of the leg.
+    ends: Option<[(i64, u64); 2]>,
+}
+
+impl Block {
+    /// Samples so far.
+    pub fn count(&self) -> u16 {
+        self.count
+    }
+
+    fn add(&mut self, code: u16, steps: i32) {
+        self.count += 1;
+        self.sum += u32::from(code);
+        self.steps += i64::from(steps);
+        self.saturated |= code >= FULL_SCALE;
+    }
+
+    /// Begins a new mean.
+    fn clear(&mut self) {
+        *self = Block { ends: self.ends, ..Block::default() };
+    }
+
+    /// How far the leg went in a time, by its own samples; nm or nrad.
+    pub fn way_in(&self, ns: u32) -> Option<i64> {
+        let [(from, first), (to, last)] = self.ends?;
+        let time = (last - first) as i64 * crate::units::SEGMENT_NS as i64;
+        (time > 0).then(|| (i128::from(to - from) * i128::from(ns)).wrapping_div(time.into()) as i64)
+    }
+}
+
+impl Front {
+    /// A sample; true when a scan uses it.
+    pub(in crate::controller::front) fn scan_sample(&mut self, sample: &Sample, lost: bool) -> bool {
+        let Some(scan) = &mut self.scan else { return false };
+        let channel = usize::from(scan.definition.channel);
+        let code = sample.power.get(channel).copied().unwrap_or(0);
+        let steps = sample.steps.0.get(usize::from(scan.leg.motor)).copied().unwrap_or(0);
+        let settings = self.settings.sense.get(channel).copied().unwrap_or_default();
+        match scan.phase {
+            Phase::Settling(from) => {
+                let used = sample.played >= from && sample.taking_up == 0 && scan.block.count < settings.average;
+                if used {
+                    scan.block.add(code, steps);
+                }
+                used
+            }
+            Phase::Sampling | Phase::Draining(_) => {
+                let leg = &scan.leg;
+                let offset = leg.offset(i64::from(steps) << 32) - leg.lag;
+                let within = leg.sign() * (offset - leg.from) >= 0 && leg.sign() * (leg.to - offset) >= 0;
+                if lost && within {
+                    scan.outcome.status |= status::LOST;
+                }
+                if lost || !within || sample.taking_up != 0 {
+                    scan.block.clear();
+                }
+                if !within || sample.taking_up != 0 {
+                    return false;
+                }
+                scan.block.add(code, steps);
+                let here = (offset, sample.played);
+                scan.block.ends = Some([scan.block.ends.map_or(here, |ends| ends[0]), here]);
+                if scan.block.count >= settings.average {
+                    let (mean, block) = (scan.block, &mut scan.block);
+                    block.clear();
+                    let steps_q32 = crate::units::wide::signed_div(i128::from(mean.steps) << 32, mean.count.into());
+                    let offset = scan.leg.offset(steps_q32 as i64) - scan.leg.lag;
+                    let reading = settings.reading(mean.sum, mean.count, mean.saturated);
+                    self.leg_sample(offset, reading);
+                }
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// A mean of a leg.
+    fn leg_sample(&mut self, offset: i64, reading: Reading) {
+        let Some(scan) = &mut self.scan else { return };
+        let along = offset as i32;
+        let beside = scan.leg.beside as i32;
+        let place = if scan.leg.along == 0 { [along, beside, 0] } else { [beside, along, 0] };
+        scan.note(reading, place);
+        if matches!(scan.definition.kind, Kind::Line | Kind::Raster)
+            && let Some(memory) = self.light.get_mut()
+        {
+            memory.samples.push((along, reading.level()));
+        }
+        if scan.definition.end == End::First && scan.first.is_some() && scan.phase == Phase::Sampling {
+            scan.phase = Phase::Crossing;
+            self.planner.stop_coordinated();
+        }
+    }
+
+    /// The mean at a point at rest is complete.
+    pub(super) fn measured(&mut self) {
+        let at = self.position();
+        let Some(scan) = &mut self.scan else { return };
+        let settings = self.settings.sense[usize::from(scan.definition.channel & 1)];
+        let block = core::mem::take(&mut scan.block);
+        let reading = settings.reading(block.sum, block.count, block.saturated);
+        let mut place = [0; SCAN_AXES];
+        for (axis, place) in scan.definition.axes().zip(&mut place) {
+            *place = at.0[axis.index()].wrapping_sub(scan.start.0[axis.index()]);
+        }
+        scan.note(reading, place);
+        let found = scan.definition.end == End::First && scan.first.is_some();
+        let definition = scan.definition;
+        let goes_on = match definition.kind {
+            Kind::Hill => {
+                // where it was sent, not where the nearest step is: nothing may add up
+                scan.climb.measured(&definition, reading.level())
+            }
+            _ => {
+                if let Some(memory) = self.light.get_mut() {
+                    memory.samples.push((place[0], reading.level()));
+                }
+                scan.index += 1;
+                scan.index < definition.number
+            }
+        };
+        if found {
+            self.found_light();
+        } else if definition.kind == Kind::Hill && reading == Reading::High {
+            self.fail_scan("power saturated");
+        } else if goes_on {
+            self.begin_part();
+        } else if definition.kind == Kind::Hill {
+            self.climbed();
+        } else {
+            self.line_found();
+        }
+    }
+}
+
+impl Scan {
+    /// Counts a mean and remembers the greatest and the first one with light.
+    fn note(&mut self, reading: Reading, place: [i32; SCAN_AXES]) {
+        let level = reading.level();
+        self.outcome.samples += 1;
+        if reading == Reading::High {
+            self.outcome.status |= status::SATURATED;
+        }
+        if level > self.best.0 {
+            self.best = (level, place);
+        }
+        if level >= self.definition.threshold.saturating_mul(1000) && reading != Reading::Low {
+            self.outcome.status |= status::LIGHT;
+            self.first = self.first.or(Some(place));
+        }
+    }
+}

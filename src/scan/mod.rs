@@ -1,0 +1,202 @@
+//! Scans: what they are, what they give, and how a peak is found.
+
+pub mod climb;
+pub mod peak;
+pub mod samples;
+
+use crate::sense::DARK;
+use crate::units::{AXES, Axis};
+
+/// Definitions that can be kept.
+pub const SCANS: usize = 8;
+/// Most axes of a scan.
+pub const SCAN_AXES: usize = 3;
+/// Most lines of a raster.
+pub const LINES: usize = 64;
+/// Most turns of a spiral.
+pub const TURNS: i32 = 64;
+/// Most points of a parabola.
+pub const POINTS: i64 = 101;
+/// Most steps without gain in a climb.
+pub const PATIENCE: i64 = 100;
+
+/// Kinds of scans.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kind {
+    /// A line, sampled in motion.
+    #[default]
+    Line,
+    /// Parallel lines.
+    Raster,
+    /// A square spiral outwards, sampled in motion.
+    Spiral,
+    /// Steps upwards.
+    Hill,
+    /// Points on a line, measured at rest.
+    Parabola,
+}
+
+/// What a scan does in the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum End {
+    /// Goes to the peak.
+    #[default]
+    Peak,
+    /// Stays.
+    Stay,
+    /// Goes back to where it began.
+    Start,
+    /// Stops where the power first reaches the threshold.
+    First,
+}
+
+/// A scan as it was defined. Distances in nm or nrad.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Definition {
+    /// There is one.
+    pub defined: bool,
+    /// What it is.
+    pub kind: Kind,
+    /// The power input, from 0.
+    pub channel: u8,
+    /// Axes, as indices; the first [`Definition::count`] of them.
+    pub axes: [u8; SCAN_AXES],
+    /// How many axes.
+    pub count: u8,
+    /// Whole way of the first axis and of the second one, about where the scan begins.
+    pub range: [i32; 2],
+    /// Way between two samples of a line.
+    pub pitch: i32,
+    /// Way between lines, turns; the first step of a climb.
+    pub step: i32,
+    /// The last step of a climb.
+    pub least: i32,
+    /// Points of a parabola; steps without gain that a climb goes on.
+    pub number: u16,
+    /// Level that counts as light, thousandths of a dBm.
+    pub threshold: i32,
+    /// What it does in the end.
+    pub end: End,
+    /// It samples on the negative flank.
+    pub negative: bool,
+}
+
+impl Definition {
+    /// None; all bytes are zero.
+    pub const NONE: Definition = Definition {
+        defined: false,
+        kind: Kind::Line,
+        channel: 0,
+        axes: [0; SCAN_AXES],
+        count: 0,
+        range: [0; 2],
+        pitch: 0,
+        step: 0,
+        least: 0,
+        number: 0,
+        threshold: 0,
+        end: End::Peak,
+        negative: false,
+    };
+
+    /// The axes.
+    pub fn axes(&self) -> impl Iterator<Item = Axis> {
+        self.axes.into_iter().take(self.count.into()).filter_map(|i| Axis::from_index(i.into()))
+    }
+
+    /// One of its axes.
+    pub fn axis(&self, n: usize) -> Axis {
+        self.axes().nth(n).unwrap_or(Axis::X)
+    }
+
+    /// +1 or -1: the direction in which it samples.
+    pub fn sign(&self) -> i64 {
+        if self.negative { -1 } else { 1 }
+    }
+
+    /// Legs that are sampled in motion: lines of a raster, sides of a spiral.
+    pub fn legs(&self) -> u16 {
+        match self.kind {
+            Kind::Line => 1,
+            Kind::Raster => (self.range[1] / self.step.max(1)) as u16 + 1,
+            Kind::Spiral => self.turns() * 4 + 1,
+            Kind::Hill | Kind::Parabola => 0,
+        }
+    }
+
+    /// Turns of a spiral: it covers the range at least.
+    fn turns(&self) -> u16 {
+        (i64::from(self.range[0]) + 2 * i64::from(self.step) - 1).div_euclid(2 * i64::from(self.step.max(1))) as u16
+    }
+
+    /// Where a side of a spiral begins, in steps of both axes: sides of 1, 1, 2, 2, 3, 3 ... steps.
+    pub fn corner(n: u16) -> [i64; 2] {
+        let (turn, side) = (i64::from(n / 4), n % 4);
+        match side {
+            0 => [-turn, -turn],
+            1 => [turn + 1, -turn],
+            2 => [turn + 1, turn + 1],
+            _ => [-turn - 1, turn + 1],
+        }
+    }
+
+    /// Farthest corner of a spiral, in steps.
+    pub fn outermost(&self) -> i64 {
+        i64::from(self.turns()) + 1
+    }
+}
+
+/// Bits of a result's status word.
+pub mod status {
+    /// It has ended by itself.
+    pub const DONE: u16 = 1 << 0;
+    /// The peak was found.
+    pub const PEAK: u16 = 1 << 1;
+    /// Light: the threshold was reached.
+    pub const LIGHT: u16 = 1 << 2;
+    /// The maximum lies at the edge of the range.
+    pub const EDGE: u16 = 1 << 3;
+    /// Samples were saturated.
+    pub const SATURATED: u16 = 1 << 4;
+    /// Samples were left out of the fit: they did not belong to it.
+    pub const OUTLIERS: u16 = 1 << 5;
+    /// Samples were lost on their way.
+    pub const LOST: u16 = 1 << 6;
+    /// Stopped by a command.
+    pub const STOPPED: u16 = 1 << 7;
+    /// Ended by an error; the queue names it.
+    pub const FAILED: u16 = 1 << 8;
+    /// It runs, or waits for its trigger.
+    pub const RUNNING: u16 = 1 << 9;
+}
+
+/// What a scan has given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outcome {
+    /// Bits of [`status`].
+    pub status: u16,
+    /// Samples used, means of AVERage conversions each.
+    pub samples: u32,
+    /// Level of the peak, millionths of a dBm.
+    pub level: i32,
+    /// Position of the peak, nm or nrad, of the axes that were scanned.
+    pub position: [i32; AXES],
+    /// Its standard uncertainty, nm or nrad; 0: not known.
+    pub sigma: [u32; SCAN_AXES],
+    /// Where it ended.
+    pub ended: [i32; AXES],
+}
+
+impl Outcome {
+    /// None; all bytes are zero.
+    pub const NONE: Outcome =
+        Outcome { status: 0, samples: 0, level: 0, position: [0; AXES], sigma: [0; SCAN_AXES], ended: [0; AXES] };
+
+    /// As a scan begins.
+    pub const FRESH: Outcome = Outcome { status: status::RUNNING, level: DARK, ..Outcome::NONE };
+
+    /// True when it says where the peak is, or where light was found.
+    pub fn has_position(&self) -> bool {
+        self.status & (status::PEAK | status::LIGHT | status::EDGE) != 0
+    }
+}
