@@ -1,6 +1,7 @@
 //! The stage controller on the desktop: the stage's exact model, its calibration and its physical twin.
 #![forbid(unsafe_code)]
 
+pub mod alignment;
 pub mod bench_twin;
 pub mod board;
 pub mod calibrate;
