@@ -1,7 +1,7 @@
 //! From poses to light, readings and samples.
 
 use super::{HOME, SEGMENT, still};
-use host_sim::bench_twin::{Bench, Options, Sees, Side};
+use host_sim::bench_twin::{Bench, Options, Sees, Side, Start};
 use host_sim::optics::{Adc, Burst, DARK_DBM, FrontEnd, Mode, Pair};
 
 #[test]
@@ -116,4 +116,17 @@ fn bursts_and_the_end_of_the_range_reach_the_reading() {
     }
     assert!(bench.is_saturated(0) && bench.is_saturated(1));
     assert!(bench.readings().iter().all(|dbm| (dbm - 3.0).abs() < 1e-9));
+}
+
+#[test]
+fn from_ten_micrometres_most_benches_show_light_at_once_and_from_thirty_few_do() {
+    let shown = |start: Start, sees: Sees| {
+        let light = |seed| Bench::seeded(seed, &Options { start, sees: [sees; 2], ..still() }).light(0, HOME)[0];
+        (0..400).filter(|seed| light(*seed) > -55.0).count() as f64 / 400.0
+    };
+    let [near, far] =
+        [Start::CAMERAS, Start::COARSE].map(|s| [Sees::Fibre(0), Sees::Detector].map(|sees| shown(s, sees)));
+    println!("figure: more than -55 dBm at home in 400 benches, fibre 1 and detector: 10 um {near:?}, 30 um {far:?}");
+    assert!(near[0] > 0.8 && near[1] > near[0]);
+    assert!(far[0] < 0.3 && far[1] > far[0] && far[1] < 0.6);
 }
