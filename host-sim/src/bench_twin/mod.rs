@@ -5,14 +5,19 @@
 //! [`Bench::calibrated`] is what the controller may know of a stage. docs/BENCH.md has sizes and sources.
 
 mod calibrated;
+mod collision;
 mod optimum;
+mod options;
 mod port;
 mod random;
 mod settling;
 mod stage;
+mod station;
 
 pub use calibrated::MeasuredWith;
+pub use collision::Collision;
 pub use optimum::{Optimum, STARTS};
+pub use options::{Options, Sees, Side, Start};
 pub use port::Face;
 pub use settling::SettlingOptions;
 pub use stage::StageErrors;
@@ -20,175 +25,10 @@ pub use stage::StageErrors;
 use crate::identify::{Identification, Refusal};
 use crate::machine::Machine;
 use crate::model::{Chain, Truth};
-use crate::optics::{
-    Adc, Array, ArraySize, Burst, DARK_DBM, FrontEnd, Medium, Meter, MeterOptions, Misalignment, Mode, Pair, Splitter,
-    SplitterSize, dbm, milliwatts,
-};
+use crate::optics::{Array, ArraySize, Burst, DARK_DBM, Meter, Misalignment, Splitter, dbm, milliwatts};
 use nalgebra::Vector3;
-use port::{Parts, Place, Port};
 use random::Chance;
-use serde::Serialize;
-use settling::Settling;
-
-/// Ticks of 1 us in a minute.
-const TICKS_PER_MINUTE: f64 = 60e6;
-
-/// A side of the chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Side {
-    /// The single fibre that brings the light.
-    Input,
-    /// The fibre array.
-    Output,
-}
-
-impl Side {
-    /// Both, in the order of every pair here.
-    pub const BOTH: [Side; 2] = [Side::Input, Side::Output];
-
-    /// 0 or 1.
-    pub const fn index(self) -> usize {
-        self as usize
-    }
-}
-
-/// What a channel of the power meter looks at.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sees {
-    /// A fibre of the array, from 0.
-    Fibre(usize),
-    /// A large-area detector close behind the chip, in place of the array: the light of all outputs.
-    Detector,
-    /// Nothing.
-    Nothing,
-}
-
-/// Where the optimum lies from home at the beginning: what the cameras leave.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Start {
-    /// Guide 0 beside the fibre point in x and in y: uniform within plus and minus this, um.
-    pub lateral_um: f64,
-    /// The three angles: uniform within plus and minus this, degrees.
-    pub angle_deg: f64,
-    /// Least distance of the corners of the faces: uniform, um.
-    pub clearance_um: [f64; 2],
-}
-
-impl Start {
-    /// What cameras leave: 10 um, 0.4 degrees, 15 to 30 um.
-    pub const CAMERAS: Start = Start { lateral_um: 10.0, angle_deg: 0.4, clearance_um: [15.0, 30.0] };
-    /// Three times as far aside.
-    pub const COARSE: Start = Start { lateral_um: 30.0, ..Start::CAMERAS };
-}
-
-/// What a bench is drawn of.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Options {
-    /// The stages as their drawing says; its order, offsets, steps, play, travel and fibre point count.
-    pub drawing: Machine,
-    /// Errors of the true stages.
-    pub stage: StageErrors,
-    /// How they settle.
-    pub settling: SettlingOptions,
-    /// How they are measured for the controller.
-    pub measured: MeasuredWith,
-    /// Where the stages stand at the beginning.
-    pub start: Start,
-    /// Speed at which the chip drifts against each stage, um per minute, in a direction by chance.
-    pub drift_um_per_min: f64,
-    /// Between the faces.
-    pub medium: Medium,
-    /// Mode of the fibres.
-    pub fibre: Mode,
-    /// Mode of the guides, which is the same on both sides.
-    pub guide: Mode,
-    /// The chip.
-    pub splitter: SplitterSize,
-    /// Standard deviation of a core's place in the array in x and in y, um.
-    pub core_sigma_um: f64,
-    /// Faces of the fibre's block and of the array.
-    pub faces: [Face; 2],
-    /// Least distance of the corners that is left for the glue: the optimum keeps it, um.
-    pub working_gap_um: f64,
-    /// Power in the input fibre, dBm.
-    pub laser_dbm: f64,
-    /// The two channels of the meter.
-    pub meter: MeterOptions,
-    /// Their analog outputs, each wired to one input of both boards.
-    pub front_end: FrontEnd,
-    /// Noise of a conversion, steps of the converter.
-    pub adc_noise_lsb: f64,
-    /// What the channels look at in the beginning.
-    pub sees: [Sees; 2],
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        let splitter = SplitterSize::default();
-        let middle = -0.5 * splitter.pitch_um * (splitter.channels - 1) as f64;
-        Options {
-            drawing: Machine::paper(),
-            stage: StageErrors::default(),
-            settling: SettlingOptions::default(),
-            measured: MeasuredWith::default(),
-            start: Start::CAMERAS,
-            drift_um_per_min: 0.02,
-            medium: Medium { wavelength_um: 1.55, index: 1.5 },
-            fibre: Mode::round(5.2),
-            guide: Mode::round(4.8),
-            splitter,
-            core_sigma_um: 0.25,
-            faces: [
-                Face { middle_um: [0.0, 0.0], size_um: [1800.0, 1500.0] },
-                Face { middle_um: [middle, -100.0], size_um: [2500.0, 1500.0] },
-            ],
-            working_gap_um: 10.0,
-            laser_dbm: 0.0,
-            meter: MeterOptions::default(),
-            front_end: FrontEnd::LOGARITHMIC,
-            adc_noise_lsb: 1.0,
-            sees: [Sees::Fibre(0), Sees::Fibre(splitter.channels - 1)],
-        }
-    }
-}
-
-/// The faces of array and chip have touched: the bench is broken from here on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, thiserror::Error)]
-#[error("collision on the {} side at tick {tick}: a corner of the array is {:.3} um inside the chip; go back to where \
-         the gap was open and approach in smaller steps of z", if *side == Side::Input { "input" } else { "output" },
-        -clearance_um)]
-pub struct Collision {
-    /// Where.
-    pub side: Side,
-    /// When, ticks of 1 us.
-    pub tick: u64,
-    /// True pose of the stage, nm and nrad.
-    pub pose: [f64; 6],
-    /// Least distance of a corner, um: 0 or below.
-    pub clearance_um: f64,
-}
-
-/// One side as it moves.
-#[derive(Clone, Debug)]
-struct Station {
-    machine: Machine,
-    port: Port,
-    settling: Settling,
-    /// um per tick.
-    drift: Vector3<f64>,
-    /// As seen last.
-    place: Place,
-    clearance_um: f64,
-    /// Inputs of this side's board.
-    adc: [Adc; 2],
-}
-
-impl Station {
-    fn place(&self, tick: u64, pose: &[f64; 6]) -> Place {
-        self.port.place(pose, self.drift * tick as f64)
-    }
-}
+use station::Station;
 
 /// A bench: two true stages before a chip, the light that goes through, and what the boards see of it.
 #[derive(Clone, Debug)]
@@ -210,6 +50,11 @@ pub struct Bench {
 
 impl Bench {
     /// A bench drawn by a seed; the same seed and options give the same one.
+    ///
+    /// Lengths and radii of the options must be positive, and the splitter must have an output.
+    ///
+    /// # Panics
+    /// When the lead of the screw is not positive.
     pub fn seeded(seed: u64, options: &Options) -> Self {
         let mut chance = Chance::new(seed, 0);
         let splitter = Splitter::draw(&options.splitter, || chance.normal());
@@ -422,35 +267,5 @@ impl Bench {
     /// The best alignment that this bench allows at tick 0, with motors that go anywhere.
     pub fn optimum(&self) -> Optimum {
         optimum::optimum(self)
-    }
-}
-
-impl Station {
-    fn draw(side: Side, array: Array, options: &Options, chance: &mut Chance) -> Self {
-        let machine = stage::true_stage(&options.drawing, &options.stage, chance);
-        let truth = Truth::new(&machine);
-        let start = options.start;
-        let port = Port::new(Parts {
-            euler: crate::model::Euler::new(&machine.order),
-            home: truth.place([0.0; 6]).0,
-            offset_um: [0; 2].map(|_| chance.within(start.lateral_um)),
-            angles_rad: [0; 3].map(|_| chance.within(start.angle_deg.to_radians())),
-            clearance_um: chance.between(start.clearance_um),
-            face: options.faces[side.index()],
-            pair: Pair::new(options.guide, options.fibre, options.medium),
-            array,
-            pitch_um: options.splitter.pitch_um,
-        });
-        let direction = loop {
-            let direction = Vector3::from_fn(|_, _| chance.normal());
-            if direction.norm() > 1e-3 {
-                break direction.normalize();
-            }
-        };
-        let adc = [0; 2].map(|_| Adc { noise_lsb: options.adc_noise_lsb, source: chance.bits() });
-        let drift = direction * (options.drift_um_per_min / TICKS_PER_MINUTE);
-        let place = port.place(&[0.0; 6], Vector3::zeros());
-        let clearance_um = port.clearance(&place);
-        Station { machine, port, settling: Settling::default(), drift, place, clearance_um, adc }
     }
 }
