@@ -64,6 +64,12 @@ pub trait Bus {
 
     /// Time since the beginning, s.
     fn seconds(&self) -> f64;
+
+    /// Lets time pass.
+    ///
+    /// # Errors
+    /// A collision.
+    fn pause(&mut self, seconds: f64) -> Result<(), BusError>;
 }
 
 /// Longest that an answer takes while nothing moves, s.
@@ -79,6 +85,15 @@ impl<'a, B: Bus> Controller<'a, B> {
     /// The controller of a side.
     pub fn new(bus: &'a mut B, side: Side) -> Self {
         Controller { bus, side }
+    }
+
+    pub(super) fn strange(&self, message: &str, answer: &str, wanted: &'static str) -> BusError {
+        BusError::Strange { side: self.side, message: message.into(), answer: answer.into(), wanted }
+    }
+
+    /// Lets time pass.
+    pub(super) fn pause(&mut self, seconds: f64) -> Result<(), BusError> {
+        self.bus.pause(seconds)
     }
 
     /// Asks one question.
@@ -97,13 +112,7 @@ impl<'a, B: Bus> Controller<'a, B> {
     pub fn numbers(&mut self, question: &str) -> Result<Vec<f64>, BusError> {
         let answer = self.ask(question)?;
         let numbers: Result<Vec<f64>, _> = answer.split([',', ';']).map(|word| word.trim().parse()).collect();
-        let strange = |_| BusError::Strange {
-            side: self.side,
-            message: question.into(),
-            answer: answer.clone(),
-            wanted: "numbers separated by commas",
-        };
-        numbers.map_err(strange)
+        numbers.map_err(|_| self.strange(question, &answer, "numbers"))
     }
 
     /// Sends a command, waits (this long, s) until all it has begun has ended, and looks into the error queue.
@@ -117,17 +126,14 @@ impl<'a, B: Bus> Controller<'a, B> {
         match answer.split_once(';') {
             Some((_, error)) if error.starts_with('0') => Ok(()),
             Some((_, error)) => {
-                let refused = |error: &str| BusError::Refused {
-                    side: self.side,
-                    message: command.into(),
-                    error: error.into(),
-                };
+                let refused =
+                    |error: &str| BusError::Refused { side: self.side, message: command.into(), error: error.into() };
                 let first = refused(error);
                 // the rest of the queue belongs to the same failure
                 let _ = self.ask("*CLS;*STB?");
                 Err(first)
             }
-            None => Err(BusError::Strange { side: self.side, message, answer, wanted: "1 and an error entry" }),
+            None => Err(self.strange(&message, &answer, "1 and an error entry")),
         }
     }
 }

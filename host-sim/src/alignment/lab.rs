@@ -170,6 +170,15 @@ impl Bus for Lab {
         self.bench.connect(channel, sees);
     }
 
+    fn pause(&mut self, seconds: f64) -> Result<(), BusError> {
+        let until = self.seconds() + seconds;
+        while self.seconds() < until {
+            self.step();
+            self.bench.check()?;
+        }
+        Ok(())
+    }
+
     fn seconds(&self) -> f64 {
         self.tick() as f64 * 1e-6
     }

@@ -1,10 +1,17 @@
 //! Aligning fibre, chip and array: what the alignment PC does, over messages alone.
 //!
 //! The way of the data: [`Bus`] (messages out, lines back) → [`Controller`] (commands checked by the error queue) →
-//! the steps of the alignment → a report per channel. [`Lab`] is a bench on the desktop that such a bus can lead to.
+//! scans and moves → [`align`], the steps of the alignment → [`Alignment`], a level per channel. [`Lab`] is a bench on the
+//! desktop that such a bus can lead to.
 
 mod bus;
+mod geometry;
 mod lab;
+mod program;
+mod scans;
 
 pub use bus::{Bus, BusError, Controller};
+pub use geometry::{Optics, Peak, Shift, best_for_all};
 pub use lab::Lab;
+pub use program::{Alignment, Options, Step, align};
+pub use scans::{End, Found, Place, Scan};
