@@ -120,8 +120,18 @@ impl<'a, B: Bus> Controller<'a, B> {
     /// # Errors
     /// Those of the bus; [`BusError::Refused`] with the first error.
     pub fn run(&mut self, command: &str, patience_s: f64) -> Result<(), BusError> {
-        let message = format!("{command};*OPC?;:SYST:ERR?");
-        self.bus.send(self.side, &message)?;
+        self.begin(command)?;
+        self.end(command, patience_s)
+    }
+
+    /// Sends a command whose end is waited for later.
+    pub(super) fn begin(&mut self, command: &str) -> Result<(), BusError> {
+        self.bus.send(self.side, &watched(command))
+    }
+
+    /// Waits until a command that was begun has ended, and looks into the error queue.
+    pub(super) fn end(&mut self, command: &str, patience_s: f64) -> Result<(), BusError> {
+        let message = watched(command);
         let answer = self.bus.line(self.side, &message, patience_s)?;
         match answer.split_once(';') {
             Some((_, error)) if error.starts_with('0') => Ok(()),
@@ -136,4 +146,9 @@ impl<'a, B: Bus> Controller<'a, B> {
             None => Err(self.strange(&message, &answer, "1 and an error entry")),
         }
     }
+}
+
+/// A command that is answered when all it has begun has ended.
+fn watched(command: &str) -> String {
+    format!("{command};*OPC?;:SYST:ERR?")
 }

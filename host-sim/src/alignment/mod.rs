@@ -7,6 +7,7 @@
 mod bus;
 mod geometry;
 mod lab;
+mod probe;
 mod program;
 mod scans;
 

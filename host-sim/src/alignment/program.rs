@@ -8,6 +8,7 @@
 
 use super::bus::{Bus, BusError, Controller};
 use super::geometry::{Optics, Peak, best_for_all};
+use super::probe::Knob;
 use super::scans::{End, Found, Scan};
 use crate::bench_twin::{Sees, Side};
 use stage_controller::units::Axis;
@@ -25,8 +26,10 @@ pub struct Options {
     pub retreat_um: f64,
     /// Gap that is wanted between the faces, um.
     pub gap_um: f64,
-    /// How far angles are searched to either side, degrees.
+    /// Half of the way over which angles are probed, degrees.
     pub angle_deg: f64,
+    /// There is a large-area detector behind the chip: the input is brought to its light first, alone.
+    pub detector: bool,
     /// What is sent to each controller first: its compensation, its inputs.
     pub setup: Vec<String>,
 }
@@ -35,11 +38,12 @@ impl Default for Options {
     fn default() -> Self {
         Options {
             optics: Optics::default(),
-            search_um: 12.0,
+            search_um: 13.0,
             light_dbm: -52.0,
             retreat_um: 60.0,
-            gap_um: 11.5,
-            angle_deg: 0.5,
+            gap_um: 12.5,
+            angle_deg: 0.35,
+            detector: false,
             setup: ["SENS1:INP LOG,20,-60", "SENS2:INP LOG,20,-60", "SENS1:DEL 0.000036", "SENS2:DEL 0.000036"]
                 .map(String::from)
                 .to_vec(),
@@ -82,25 +86,25 @@ pub fn align<B: Bus>(bus: &mut B, options: &Options, watch: &mut dyn FnMut(&Step
     Ok(Alignment { levels_dbm, seconds, steps: program.steps })
 }
 
-/// Samples of a mean while scanning at rest and reading, of 256 us.
+/// Samples of a mean at rest, of 256 us.
 const CALM_AVERAGE: usize = 32;
-/// Time of such a mean with the switch and the meter in front of it, s.
+/// Time of such a mean with the meter in front of it, s.
 const CALM_S: f64 = 0.01;
-/// Way to either side of a star, um.
-const STAR_UM: f64 = 1.5;
+/// Way to either side of a probe in x and y, um.
+const PROBE_UM: f64 = 1.5;
 /// Retreats at which the light tells the gap, um.
 const RETREATS_UM: [f64; 4] = [0.0, 40.0, 80.0, 140.0];
 
-struct Program<'a, B> {
-    bus: &'a mut B,
-    options: &'a Options,
+pub(super) struct Program<'a, B> {
+    pub bus: &'a mut B,
+    pub options: &'a Options,
     began: f64,
     steps: Vec<Step>,
     watch: &'a mut dyn FnMut(&Step),
 }
 
 impl<B: Bus> Program<'_, B> {
-    fn at(&mut self, side: Side) -> Controller<'_, B> {
+    pub(super) fn at(&mut self, side: Side) -> Controller<'_, B> {
         Controller::new(self.bus, side)
     }
 
@@ -116,108 +120,137 @@ impl<B: Bus> Program<'_, B> {
             self.at(side).run(&setup, 1.0)?;
         }
         self.first_light()?;
-        self.peaks("coarse peaks", 2.0 * self.options.search_um, 0.1)?;
         let back = [0.0, 0.0, -self.options.retreat_um, 0.0, 0.0, 0.0];
-        for side in Side::BOTH {
-            self.at(side).move_by(back)?;
-        }
-        self.peaks("peaks after drawing back", 6.0, 0.05)?;
-        for side in Side::BOTH.into_iter().rev() {
-            self.angles(side)?;
-        }
-        self.peaks("peaks after turning", 6.0, 0.05)?;
+        self.move_both([back; 2])?;
+        self.average(CALM_AVERAGE)?;
+        self.peaks("peaks after drawing back")?;
+        self.angles()?;
         self.roll()?;
         for side in Side::BOTH.into_iter().rev() {
             self.gap(side)?;
         }
-        self.peaks("peaks at the gap", 4.0, 0.05)?;
+        self.peaks("peaks at the gap")?;
         self.balance()?;
-        self.side_peaks(Side::Input, 3.0, 0.02)?;
-        self.done("last peak of the input", None);
+        let knobs = [Axis::X, Axis::Y].map(|axis| Knob { side: Side::Input, axis });
+        let level = self.turn_to_peak(knobs, PROBE_UM)?[0];
+        self.done("last peak of the input", Some(level));
         Ok(())
     }
 
-    fn line(
-        &mut self,
-        side: Side,
-        channel: usize,
-        axis: Axis,
-        range: f64,
-        pitch: f64,
-        end: End,
-    ) -> Result<Found, BusError> {
+    /// Samples of a mean.
+    fn average(&mut self, samples: usize) -> Result<(), BusError> {
+        for side in Side::BOTH {
+            self.at(side).run(&format!("SENS1:AVER {samples};:SENS2:AVER {samples}"), 1.0)?;
+        }
+        Ok(())
+    }
+
+    /// Moves both stages by so much at once, um and degrees.
+    pub(super) fn move_both(&mut self, by: [[f64; 6]; 2]) -> Result<(), BusError> {
+        for side in Side::BOTH {
+            self.at(side).begin_move(by[side.index()])?;
+        }
+        for side in Side::BOTH {
+            self.at(side).end_move(by[side.index()])?;
+        }
+        Ok(())
+    }
+
+    /// Both power inputs where the stages stand now, dBm.
+    pub(super) fn calm_powers(&mut self) -> Result<[f64; 2], BusError> {
+        let mut controller = self.at(Side::Output);
+        controller.pause(CALM_S)?;
+        controller.powers()
+    }
+
+    fn line(&mut self, side: Side, channel: usize, axis: Axis, range: f64, end: End) -> Result<Found, BusError> {
         let threshold_dbm = self.options.light_dbm;
-        let mut controller = self.at(side);
-        controller.scan(&Scan::Line { channel, axis, range, pitch, threshold_dbm, end })
+        self.at(side).scan(&Scan::Line { channel, axis, range, pitch: 0.2, threshold_dbm, end })
     }
 
-    /// x and y of a side by the first channel.
-    fn side_peaks(&mut self, side: Side, range: f64, pitch: f64) -> Result<f64, BusError> {
-        self.line(side, 1, Axis::X, range, pitch, End::Peak)?;
-        Ok(self.line(side, 1, Axis::Y, range, pitch, End::Peak)?.level_dbm)
+    /// x and y of a side by the first channel, wherever in the range it is.
+    fn lines(&mut self, side: Side) -> Result<f64, BusError> {
+        let range = 2.0 * self.options.search_um;
+        self.line(side, 1, Axis::X, range, End::Peak)?;
+        Ok(self.line(side, 1, Axis::Y, range, End::Peak)?.level_dbm)
     }
 
-    /// x and y of both sides.
-    fn peaks(&mut self, name: &str, range: f64, pitch: f64) -> Result<(), BusError> {
-        self.fast(true)?;
-        self.side_peaks(Side::Output, range, pitch)?;
-        let level = self.side_peaks(Side::Input, range, pitch)?;
+    /// x and y of both sides by the first channel, from near.
+    fn peaks(&mut self, name: &str) -> Result<(), BusError> {
+        let mut level = 0.0;
+        for axis in [Axis::X, Axis::Y] {
+            level = self.turn_to_peak(Side::BOTH.map(|side| Knob { side, axis }), PROBE_UM)?[0];
+        }
         self.done(name, Some(level));
         Ok(())
     }
 
-    /// Means of one sample, or of many.
-    fn fast(&mut self, fast: bool) -> Result<(), BusError> {
-        let average = if fast { 1 } else { CALM_AVERAGE };
-        for side in Side::BOTH {
-            self.at(side).run(&format!("SENS1:AVER {average};:SENS2:AVER {average}"), 1.0)?;
+    fn first_light(&mut self) -> Result<(), BusError> {
+        if self.options.detector {
+            self.bus.look(0, Sees::Detector);
+            self.light_of(&[Side::Input])?;
+            self.lines(Side::Input)?;
+            self.bus.look(0, Sees::Fibre(0));
+            self.light_of(&[Side::Output])?;
+            self.lines(Side::Output)?;
+        } else {
+            self.light_of(&[Side::Output, Side::Input])?;
+            self.lines(Side::Output)?;
+            self.lines(Side::Input)?;
         }
         Ok(())
     }
 
-    fn first_light(&mut self) -> Result<(), BusError> {
-        let light_dbm = self.options.light_dbm;
-        let level = self.at(Side::Output).powers()?[0];
+    /// Looks for light: here, and if there is none in spirals of these sides, one after the other.
+    fn light_of(&mut self, searched: &[Side]) -> Result<(), BusError> {
+        let (light_dbm, range) = (self.options.light_dbm, 2.0 * self.options.search_um);
+        let level = self.calm_powers()?[0];
         if level >= light_dbm {
             self.done("first light: there is some", Some(level));
             return Ok(());
         }
-        let range = 2.0 * self.options.search_um;
-        let spiral = Scan::FirstLight { channel: 1, range, step: 4.0, pitch: 0.2, threshold_dbm: light_dbm };
-        let found = match self.at(Side::Output).scan(&spiral) {
-            Err(BusError::Refused { .. }) => self.at(Side::Input).scan(&spiral)?,
-            other => other?,
-        };
-        self.done("first light: spiral", Some(found.level_dbm));
-        Ok(())
+        let spiral = Scan::FirstLight { channel: 1, range, step: 8.0, pitch: 0.4, threshold_dbm: light_dbm };
+        let mut refused = None;
+        for side in searched {
+            match self.at(*side).scan(&spiral) {
+                Ok(found) => {
+                    self.done("first light: spiral", Some(found.level_dbm));
+                    return Ok(());
+                }
+                Err(error @ BusError::Refused { .. }) => refused = Some(error),
+                Err(error) => return Err(error),
+            }
+        }
+        refused.map_or(Ok(()), Err)
     }
 
-    /// Pitch and yaw of a side with the pivot held.
-    fn angles(&mut self, side: Side) -> Result<(), BusError> {
-        self.fast(false)?;
+    /// Pitch and yaw of both sides with the pivots held.
+    fn angles(&mut self) -> Result<(), BusError> {
         let mut level = 0.0;
         for axis in [Axis::Alpha, Axis::Beta] {
-            let (range, threshold_dbm) = (2.0 * self.options.angle_deg, self.options.light_dbm);
-            let scan = Scan::Parabola { channel: 1, axis, range, points: 5, threshold_dbm };
-            level = self.at(side).scan(&scan)?.level_dbm;
+            let knobs = Side::BOTH.map(|side| Knob { side, axis });
+            level = self.turn_to_peak(knobs, self.options.angle_deg)?[0];
         }
-        self.done(format!("pitch and yaw of the {side:?} side"), Some(level));
+        self.done("pitch and yaw", Some(level));
         Ok(())
     }
 
-    /// Roll of the array from its first and last channel.
+    /// Peaks in x and y, and the roll of the array from its first and last channel.
     fn roll(&mut self) -> Result<(), BusError> {
-        self.fast(true)?;
         let optics = self.options.optics;
         let span = optics.channel_um(optics.channels - 1);
-        for range in [2.0 * self.options.search_um + 10.0, 6.0] {
-            let first = self.line(Side::Output, 1, Axis::Y, 6.0, 0.05, End::Peak)?;
-            let last = self.line(Side::Output, 2, Axis::Y, range, 0.1, End::Start)?;
-            let roll_rad = (last.axes[0].peak - first.axes[0].peak) / span;
-            let roll = [0.0, 0.0, 0.0, 0.0, 0.0, roll_rad.to_degrees()];
-            self.at(Side::Output).move_by(roll)?;
-            self.done("roll by the first and the last channel", Some(last.level_dbm));
-        }
+        self.turn_to_peak(Side::BOTH.map(|side| Knob { side, axis: Axis::X }), PROBE_UM)?;
+        let probe = self.probe(Side::BOTH.map(|side| Knob { side, axis: Axis::Y }), PROBE_UM)?;
+        let [first, last] = [0, 1].map(|input| probe.peaks[input]);
+        let first = first.ok_or_else(|| self.no_peak(&probe))?;
+        let last = last.ok_or_else(|| self.no_peak(&probe))?;
+        let roll_rad = (last[1] - first[1]) / span;
+        let mut by = probe.back();
+        by[0][1] += first[0];
+        by[1][1] += first[1];
+        by[1][5] += roll_rad.to_degrees();
+        self.move_both(by)?;
+        self.done("roll by the first and the last channel", Some(probe.levels_dbm[0]));
         Ok(())
     }
 
@@ -230,14 +263,12 @@ impl<B: Bus> Program<'_, B> {
 
     /// Finds how far the faces are apart, and goes as near as is wanted.
     fn gap(&mut self, side: Side) -> Result<(), BusError> {
-        self.fast(false)?;
         let mut seen = Vec::new();
         let mut back = 0.0;
         for retreat in RETREATS_UM {
             self.along(side, back - retreat)?;
             back = retreat;
-            self.at(side).pause(CALM_S)?;
-            seen.push((retreat, self.at(side).powers()?[0]));
+            seen.push((retreat, self.calm_powers()?[0]));
         }
         let Some(gap) = self.options.optics.gap_um(&seen) else {
             return Err(self.at(side).strange(
@@ -260,8 +291,7 @@ impl<B: Bus> Program<'_, B> {
             for (input, channel) in both.into_iter().enumerate() {
                 self.bus.look(input, Sees::Fibre(channel));
             }
-            self.at(Side::Output).pause(CALM_S)?;
-            let powers = self.at(Side::Output).powers()?;
+            let powers = self.calm_powers()?;
             both.into_iter().zip(powers).for_each(|(channel, level)| levels[channel] = level);
         }
         self.bus.look(0, Sees::Fibre(0));
@@ -271,8 +301,7 @@ impl<B: Bus> Program<'_, B> {
 
     /// Puts the array where the weakest channel has most light.
     fn balance(&mut self) -> Result<(), BusError> {
-        self.fast(false)?;
-        let stations = [[0.0, 0.0], [-STAR_UM, 0.0], [STAR_UM, 0.0], [0.0, -STAR_UM], [0.0, STAR_UM]];
+        let stations = [[0.0, 0.0], [-PROBE_UM, 0.0], [PROBE_UM, 0.0], [0.0, -PROBE_UM], [0.0, PROBE_UM]];
         let mut seen = Vec::new();
         let mut here = [0.0; 2];
         for there in stations {
@@ -281,7 +310,7 @@ impl<B: Bus> Program<'_, B> {
             seen.push(self.channels()?);
         }
         let peaks: Option<Vec<Peak>> = (0..self.options.optics.channels)
-            .map(|i| Peak::of_star(std::array::from_fn(|k| seen[k][i]), STAR_UM))
+            .map(|i| Peak::of_star(std::array::from_fn(|k| seen[k][i]), PROBE_UM))
             .collect();
         let Some(peaks) = peaks else {
             return Err(self.at(Side::Output).strange("SENS1:POW?", &format!("{seen:?}"), "a peak in every channel"));

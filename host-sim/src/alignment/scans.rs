@@ -158,9 +158,18 @@ impl<B: Bus> Controller<'_, B> {
     /// # Errors
     /// Those of the bus.
     pub fn move_by(&mut self, by: [f64; 6]) -> Result<(), BusError> {
-        let [x, y, z, alpha, beta, gamma] = by;
-        let command = format!("POSE:REL {x:.4},{y:.4},{z:.4},{alpha:.7},{beta:.7},{gamma:.7}");
-        self.run(&command, PATIENCE_S)
+        self.begin_move(by)?;
+        self.end_move(by)
+    }
+
+    /// Sends such a move; none without a way.
+    pub(super) fn begin_move(&mut self, by: [f64; 6]) -> Result<(), BusError> {
+        if by == [0.0; 6] { Ok(()) } else { self.begin(&move_command(by)) }
+    }
+
+    /// Waits for its end.
+    pub(super) fn end_move(&mut self, by: [f64; 6]) -> Result<(), BusError> {
+        if by == [0.0; 6] { Ok(()) } else { self.end(&move_command(by), PATIENCE_S) }
     }
 
     /// Where it stands by command, um and degrees.
@@ -171,4 +180,8 @@ impl<B: Bus> Controller<'_, B> {
         let numbers = self.numbers("POSE?")?;
         numbers.as_slice().try_into().map_err(|_| self.strange("POSE?", &format!("{numbers:?}"), "six numbers"))
     }
+}
+
+fn move_command([x, y, z, alpha, beta, gamma]: [f64; 6]) -> String {
+    format!("POSE:REL {x:.4},{y:.4},{z:.4},{alpha:.7},{beta:.7},{gamma:.7}")
 }
