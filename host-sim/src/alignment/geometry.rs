@@ -106,6 +106,9 @@ pub struct Shift {
     pub roll_rad: f64,
 }
 
+/// How much the mean of the channels counts beside the weakest: where one weak channel leaves the others room, they take it.
+const MEAN: f64 = 0.01;
+
 /// The displacement after which the weakest channel is as strong as it can be.
 pub fn best_for_all(optics: &Optics, peaks: &[Peak]) -> Shift {
     let weakest = |shift: &Shift| {
@@ -113,7 +116,9 @@ pub fn best_for_all(optics: &Optics, peaks: &[Peak]) -> Shift {
             let (x, y) = (shift.x_um - peak.x_um, shift.y_um + optics.channel_um(i) * shift.roll_rad - peak.y_um);
             peak.level_dbm - optics.lateral_db() * (x * x + y * y)
         };
-        peaks.iter().enumerate().map(level).fold(f64::INFINITY, f64::min)
+        let levels = peaks.iter().enumerate().map(level);
+        let (least, sum) = levels.fold((f64::INFINITY, 0.0), |(least, sum), level| (least.min(level), sum + level));
+        least + MEAN * sum / peaks.len().max(1) as f64
     };
     let mean = |of: fn(&Peak) -> f64| peaks.iter().map(of).sum::<f64>() / peaks.len().max(1) as f64;
     // a straight line through the places in y begins near the end
@@ -201,7 +206,7 @@ mod tests {
             let by = |k: usize| 0.6 * wave(3 * n + k);
             let other =
                 Shift { x_um: best.x_um + by(0), y_um: best.y_um + by(1), roll_rad: best.roll_rad + by(2) * 1e-3 };
-            assert!(weakest(other) <= level + 1e-4, "{other:?} {best:?}");
+            assert!(weakest(other) <= level + 2e-3, "{other:?} {best:?}");
         }
     }
 }

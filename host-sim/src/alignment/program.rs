@@ -51,6 +51,13 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// For a start that is farther off, with a large-area detector behind the chip.
+    pub fn with_detector() -> Self {
+        Options { search_um: 36.0, detector: true, ..Options::default() }
+    }
+}
+
 /// A step that has ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
