@@ -68,11 +68,29 @@ impl Stage {
     }
 }
 
+/// What can be seen of a bench at an instant.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment {
+    /// Since the beginning, s.
+    pub seconds: f64,
+    /// What the meter shows, dBm.
+    pub levels_dbm: [f64; 2],
+    /// Logical poses that the controllers tell, nm and nrad.
+    pub poses: [[i32; 6]; 2],
+}
+
+/// Somebody who looks on.
+type Onlooker = Box<dyn FnMut(&Moment)>;
+
+/// Segments between two looks: 10 ms.
+const LOOK_SEGMENTS: u64 = 10_000_000 / SEGMENT_NS;
+
 /// Two boards before one chip.
 pub struct Lab {
     bench: Bench,
     stages: [Stage; 2],
     segments: u64,
+    onlooker: Option<Onlooker>,
 }
 
 impl Lab {
@@ -94,7 +112,7 @@ impl Lab {
             })
         };
         let stages = [stage(Side::Input)?, stage(Side::Output)?];
-        Ok(Lab { bench, stages, segments: 0 })
+        Ok(Lab { bench, stages, segments: 0, onlooker: None })
     }
 
     /// One segment of virtual time.
@@ -106,6 +124,23 @@ impl Lab {
             let codes = self.bench.codes(side);
             self.stages[side.index()].console.board.set_power(codes);
         }
+        if self.segments % LOOK_SEGMENTS == 0 {
+            self.look_on();
+        }
+    }
+
+    /// Lets somebody see the bench every 10 ms of virtual time.
+    pub fn show(&mut self, onlooker: impl FnMut(&Moment) + 'static) {
+        self.onlooker = Some(Box::new(onlooker));
+    }
+
+    fn look_on(&mut self) {
+        let Some(onlooker) = &mut self.onlooker else { return };
+        onlooker(&Moment {
+            seconds: self.segments as f64 * SEGMENT_NS as f64 * 1e-9,
+            levels_dbm: self.bench.readings(),
+            poses: self.stages.each_ref().map(|stage| stage.console.board.front.position().0),
+        });
     }
 
     /// Ticks of 1 us since the beginning.

@@ -10,9 +10,11 @@ mod lab;
 mod probe;
 mod program;
 mod scans;
+mod view;
 
 pub use bus::{Bus, BusError, Controller};
 pub use geometry::{Optics, Peak, Shift, best_for_all};
-pub use lab::Lab;
+pub use lab::{Lab, Moment};
 pub use program::{Alignment, Options, Step, align};
 pub use scans::{End, Found, Place, Scan};
+pub use view::LiveLine;

@@ -11,6 +11,7 @@ use super::geometry::{Optics, Peak, best_for_all};
 use super::probe::Knob;
 use super::scans::{End, Found, Scan};
 use crate::bench_twin::{Sees, Side};
+use serde::Serialize;
 use stage_controller::units::Axis;
 
 /// What may be chosen.
@@ -59,7 +60,7 @@ impl Options {
 }
 
 /// A step that has ended.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
     /// What it was.
     pub name: String,
@@ -70,7 +71,7 @@ pub struct Step {
 }
 
 /// What an alignment has given.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Alignment {
     /// Level of every channel in the end, dBm.
     pub levels_dbm: Vec<f64>,

@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand, each with its `Args` and a `run`.
 
+mod align;
 mod bench;
 mod calibrate;
 mod common;
@@ -41,6 +42,7 @@ enum Command {
     Move(move_pose::Args),
     Report(report::Args),
     Trace(trace::Args),
+    Align(align::Args),
     Bench(bench::Args),
     Topology(topology::Args),
     Sensitivity(sensitivity::Args),
@@ -87,6 +89,7 @@ pub fn main() -> ExitCode {
         Command::Move(args) => args.run(),
         Command::Report(args) => args.run(),
         Command::Trace(args) => args.run(),
+        Command::Align(args) => args.run(),
         Command::Bench(args) => args.run(),
         Command::Topology(args) => args.run(),
         Command::Sensitivity(args) => args.run(),
