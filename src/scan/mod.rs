@@ -2,6 +2,7 @@
 
 pub mod climb;
 pub mod peak;
+pub mod real;
 pub mod samples;
 
 use crate::sense::DARK;

@@ -49,7 +49,9 @@ impl Bench {
         let mut board = Board::new(machine, power_up(machine, false).unwrap(), interleaving, seed);
         assert!(board.settle());
         let random = Seeded::new(seed ^ 0x11);
-        Bench { console: Console::new(board), spot, random, waiting: VecDeque::new(), samples: 0 }
+        let mut bench = Bench { console: Console::new(board), spot, random, waiting: VecDeque::new(), samples: 0 };
+        bench.run(20);
+        bench
     }
 
     fn normal(&mut self) -> f64 {

@@ -67,10 +67,12 @@ impl Front {
                 if lost && within {
                     scan.outcome.status |= status::LOST;
                 }
-                if lost || !within || sample.taking_up != 0 {
+                // a spiral looks for light: where it is, is known to its step alone
+                let unsure = sample.taking_up != 0 && scan.definition.kind != Kind::Spiral;
+                if lost || !within || unsure {
                     scan.block.clear();
                 }
-                if !within || sample.taking_up != 0 {
+                if !within || unsure {
                     return false;
                 }
                 scan.block.add(code, steps);
