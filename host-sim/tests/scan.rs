@@ -24,8 +24,13 @@ fn a_line_finds_the_peak_on_either_flank_and_goes_there() {
 }
 
 /// What compensates the play, and how.
-const WAYS: [&str; 5] =
-    ["COMP:STAT ON", "COMP:STAT OFF", "COMP:BACK:STAT OFF", "AXIS1:BACK:MODE OFF;:AXIS2:BACK:MODE OFF", "AXIS1:BACK:MODE UNIP"];
+const WAYS: [&str; 5] = [
+    "COMP:STAT ON",
+    "COMP:STAT OFF",
+    "COMP:BACK:STAT OFF",
+    "AXIS1:BACK:MODE OFF;:AXIS2:BACK:MODE OFF",
+    "AXIS1:BACK:MODE UNIP",
+];
 
 #[test]
 fn lines_and_parabolas_find_the_peak_whatever_the_play_does() {
@@ -39,11 +44,13 @@ fn lines_and_parabolas_find_the_peak_whatever_the_play_does() {
         bench.good(&format!("AXIS1:MOVE:REL {away:.3};*OPC?"));
         bench.good(&format!("AXIS1:MOVE:REL {:.3};*OPC?", -away));
         let kind = seed / 4 % 2;
-        bench.good(match kind {
-            0 => format!("SENS:AVER 2;:SCAN:DEF:LINE 3,1,1,16,0.04,-60,PEAK,{flank}"),
-            _ => format!("SENS:AVER 16;:SCAN:DEF:PAR 3,1,1,8,9,-60,PEAK,{flank}"),
-        }
-        .as_str());
+        bench.good(
+            match kind {
+                0 => format!("SENS:AVER 2;:SCAN:DEF:LINE 3,1,1,16,0.04,-60,PEAK,{flank}"),
+                _ => format!("SENS:AVER 16;:SCAN:DEF:PAR 3,1,1,8,9,-60,PEAK,{flank}"),
+            }
+            .as_str(),
+        );
         let outcome = bench.scan(3);
         assert_eq!(outcome.status, DONE_WITH_PEAK, "{seed}");
         // where it stands is where the light is, though the coordinate may be off by the play
