@@ -26,6 +26,8 @@ pub const DARK: i32 = -200 * DB;
 pub const BRIGHT: i32 = 200 * DB;
 /// Most samples of a mean.
 pub const AVERAGE_MAX: u16 = 256;
+/// Samples of a mean unless told otherwise.
+pub const AVERAGE_DEFAULT: u16 = 16;
 /// Longest delay of a meter, ns.
 pub const DELAY_MAX_NS: u32 = 100_000_000;
 /// Most that a linear meter may mean by a volt, pW: 1 kW.
@@ -60,7 +62,13 @@ pub struct SenseSettings {
 impl Default for SenseSettings {
     /// A meter of 1 mW per V.
     fn default() -> Self {
-        SenseSettings { input: Input::Linear(1_000_000_000), range: None, delay_ns: 0, average: 16, watts: false }
+        SenseSettings {
+            input: Input::Linear(1_000_000_000),
+            range: None,
+            delay_ns: 0,
+            average: AVERAGE_DEFAULT,
+            watts: false,
+        }
     }
 }
 

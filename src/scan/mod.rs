@@ -92,9 +92,9 @@ impl Definition {
     pub const NONE: Definition =
         Definition { defined: false, kind: Kind::Line, axes: [0; SCAN_AXES], count: 0, values: [0; VALUES] };
 
-    /// The axes.
-    pub fn axes(&self) -> impl Iterator<Item = Axis> {
-        self.axes.into_iter().take(self.count.into()).filter_map(|i| Axis::from_index(i.into()))
+    /// The axes, as indices.
+    pub fn axes(&self) -> &[u8] {
+        self.axes.get(..usize::from(self.count)).unwrap_or(&[])
     }
 
     /// One of its axes.

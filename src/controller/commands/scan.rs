@@ -1,6 +1,6 @@
 //! Commands of scans.
 
-use super::sense::{NOT_A_NUMBER, level};
+use super::sense::{NOT_A_NUMBER, answer as answer_level};
 use crate::controller::front::Front;
 use crate::error::{Error, ErrorNumber};
 use crate::refill::border::POWER_INPUTS;
@@ -9,7 +9,7 @@ use crate::scpi::params::Params;
 use crate::scpi::parser::Call;
 use crate::scpi::response::Response;
 use crate::scpi::tree::Command as C;
-use crate::sense::{BRIGHT, DARK};
+use crate::sense::{BRIGHT, DARK, Reading};
 use crate::units::decimal::{Unit, axis_unit};
 use crate::units::{Axis, COORDINATE_LIMIT};
 
@@ -178,7 +178,7 @@ fn answer(own: &Definition, field: u8, out: &mut Response) {
             let mut between: &[u8] = b"";
             for axis in own.axes() {
                 out.raw(between);
-                out.raw(&[b'1' + axis.index() as u8]);
+                out.raw(&[b'1' + axis]);
                 between = b",";
             }
             out.raw(b")");
@@ -201,18 +201,13 @@ fn result(front: &Front, id: usize, out: &mut Response) -> Result<(), Error> {
     out.integer(outcome.status);
     out.integer(outcome.samples);
     let known = outcome.samples > 0 && outcome.has_position();
-    if known {
-        level(outcome.level, out)
-    } else {
-        out.text(NOT_A_NUMBER)
-    }
-    for (n, axis) in definition.axes().enumerate() {
-        let i = axis.index();
-        let sigma = outcome.sigma.get(n).copied().unwrap_or(0);
-        for (value, known) in
-            [(outcome.position[i], known), (sigma as i32, known && sigma > 0), (outcome.ended[i], true)]
-        {
-            if known { out.axis_quantity(axis, value.into(), 0) } else { out.text(NOT_A_NUMBER) }
+    answer_level(known.then_some(Reading::Level(outcome.level)), out);
+    for (n, i) in definition.axes().iter().enumerate() {
+        let of = |all: &[i32]| all.get(usize::from(*i)).copied().unwrap_or(0);
+        let sigma = outcome.sigma.get(n).copied().unwrap_or(0) as i32;
+        let values = [(of(&outcome.position), known), (sigma, known && sigma > 0), (of(&outcome.ended), true)];
+        for (value, known) in values {
+            if known { out.axis_quantity(definition.axis(n), value.into(), 0) } else { out.text(NOT_A_NUMBER) }
         }
     }
     Ok(())

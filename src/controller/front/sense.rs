@@ -90,9 +90,9 @@ impl Front {
         self.sense.latest.as_ref()
     }
 
-    /// Settings of an input.
-    pub fn sense_settings(&self, channel: usize) -> SenseSettings {
-        self.settings.sense.get(channel).copied().unwrap_or_default()
+    /// Settings of an input, 0 or 1.
+    pub fn sense_settings(&self, channel: usize) -> &SenseSettings {
+        &self.settings.sense[channel & 1]
     }
 
     /// Puts settings of the inputs in force.
@@ -107,21 +107,19 @@ impl Front {
 
     /// Mean of the latest samples of an input: none before the first one. At rest those alone count that were taken since
     /// the motors stand and the meter has followed: `Err(())` until there are enough of them.
-    pub fn read_power(&mut self, channel: usize) -> Result<Option<(u32, u16, Reading)>, ()> {
+    pub fn read_power(&mut self, channel: usize) -> Result<Option<Reading>, ()> {
         self.sense.watched |= 1 << (channel & 7);
-        let settings = self.sense_settings(channel);
+        let settings = &self.settings.sense[channel & 1];
         let Some(latest) = self.sense.latest else { return Ok(None) };
         let comes = self.report.played.saturating_sub(latest.played) < RECENT && !self.is_stopped();
         if comes && !self.is_moving() && self.abort == Abort::None {
-            let wanted = u64::from(settings.average) + late_segments(&settings);
+            let wanted = u64::from(settings.average) + late_segments(settings);
             if u64::from(self.sense.still) < wanted {
                 return Err(());
             }
         }
-        Ok(self.mean(channel, settings.average).map(|(sum, count, saturated)| {
-            let reading = settings.reading(sum, count, saturated);
-            (sum, count, reading)
-        }))
+        let mean = self.mean(channel, settings.average);
+        Ok(mean.map(|(sum, count, saturated)| settings.reading(sum, count, saturated)))
     }
 
     /// Sum of the latest samples of an input, how many they are, and whether one of them is saturated.
@@ -194,10 +192,9 @@ impl Front {
         Ok(())
     }
 
-    /// A record.
-    pub fn trace_record(&self, n: u16) -> Option<Told> {
-        let memory = self.light.get()?;
-        self.sense.trace.told(&memory.records, n)
+    /// A record; zeros where there is none.
+    pub fn trace_record(&self, n: u16) -> Told {
+        self.light.get().and_then(|memory| self.sense.trace.told(&memory.records, n)).unwrap_or_default()
     }
 
     /// `*TRG`: begins what waits for it.

@@ -149,10 +149,7 @@ impl Front {
             (Some(_), _) | (None, end::START) => {}
             (None, end::STAY) => return self.refresh(),
             _ => {
-                for (axis, offset) in definition.axes().zip(&mut offsets) {
-                    let i = axis.index();
-                    *offset = scan.outcome.position[i].wrapping_sub(scan.start.0[i]);
-                }
+                offsets = scan.place;
                 if definition.kind == Kind::Hill {
                     downwards = scan.climb.downwards;
                 }
@@ -169,9 +166,8 @@ impl Front {
 impl super::Scan {
     /// Position of the result by offsets.
     fn set_position(&mut self, place: [i32; SCAN_AXES]) {
-        for (axis, offset) in self.definition.axes().zip(place) {
-            self.outcome.position[axis.index()] = self.start.0[axis.index()].saturating_add(offset);
-        }
+        self.place = place;
+        self.outcome.position = Front::offset_pose(self, place).0;
     }
 }
 

@@ -84,6 +84,8 @@ pub struct Scan {
     best: (i32, [i32; SCAN_AXES]),
     /// The sample that reached the threshold.
     first: Option<[i32; SCAN_AXES]>,
+    /// What was found, as offsets.
+    place: [i32; SCAN_AXES],
     /// Lines of a raster that have a peak.
     lines: u8,
     /// It is on its way to its end, which is repeated after a stop.
@@ -107,6 +109,7 @@ impl Scan {
         climb: Climb::NONE,
         best: (0, [0; SCAN_AXES]),
         first: None,
+        place: [0; SCAN_AXES],
         lines: 0,
         over: false,
         fails: None,

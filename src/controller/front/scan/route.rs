@@ -121,9 +121,10 @@ impl Front {
     #[inline(never)]
     pub(super) fn offset_pose(scan: &Scan, offsets: Offsets) -> Pose {
         let mut pose = scan.start;
-        for (axis, offset) in scan.definition.axes().zip(offsets) {
-            let x = &mut pose.0[axis.index()];
-            *x = x.saturating_add(offset);
+        for (axis, offset) in scan.definition.axes().iter().zip(offsets) {
+            if let Some(x) = pose.0.get_mut(usize::from(*axis)) {
+                *x = x.saturating_add(offset);
+            }
         }
         pose
     }
@@ -132,8 +133,8 @@ impl Front {
     #[inline(never)]
     pub(super) fn before(&self, scan: &Scan, offsets: Offsets, downwards: u8) -> Option<Pose> {
         let mut before = offsets;
-        for (n, (axis, offset)) in scan.definition.axes().zip(&mut before).enumerate() {
-            let clear = self.clear_way(axis);
+        for (n, offset) in before.iter_mut().enumerate().take(scan.definition.count.into()) {
+            let clear = self.clear_way(scan.definition.axis(n));
             *offset += if downwards >> n & 1 != 0 { clear } else { -clear };
         }
         Some(Self::offset_pose(scan, before))
@@ -206,11 +207,12 @@ impl Front {
     pub(super) fn check_scan(&self, scan: &Scan) -> Result<(), Error> {
         let definition = &scan.definition;
         if definition.kind == Kind::Hill {
-            definition.axes().try_for_each(|axis| self.check_climb(definition, axis))?;
+            (0..definition.count.into()).try_for_each(|n| self.check_climb(definition, definition.axis(n)))?;
         }
         let law = self.law();
         let (mut least, mut most) = ([0; SCAN_AXES], [0; SCAN_AXES]);
-        for (n, axis) in definition.axes().enumerate().take(SCAN_AXES) {
+        for n in 0..usize::from(definition.count).min(SCAN_AXES) {
+            let axis = definition.axis(n);
             let leg = self.leg_of(definition, 0);
             let reach = match (definition.kind, n) {
                 (Kind::Line | Kind::Raster, 0) => leg.ends()[1].abs(),

@@ -5,6 +5,7 @@ use crate::controller::front::Front;
 use crate::refill::border::Sample;
 use crate::scan::{END, Kind, NUMBER, SCAN_AXES, THRESHOLD, end, status};
 use crate::sense::{FULL_SCALE, Reading};
+use crate::units::Pose;
 
 /// Samples on their way to a mean.
 #[derive(Clone, Copy, Debug, Default)]
@@ -120,8 +121,9 @@ impl Front {
         let block = scan.block;
         let reading = self.settings.sense[definition.channel()].reading(block.sum, block.count, block.saturated);
         let mut place = [0; SCAN_AXES];
-        for (axis, place) in definition.axes().zip(&mut place) {
-            *place = at.0[axis.index()].wrapping_sub(scan.start.0[axis.index()]);
+        for (axis, place) in definition.axes().iter().zip(&mut place) {
+            let of = |pose: &Pose| pose.0.get(usize::from(*axis)).copied().unwrap_or(0);
+            *place = of(&at).wrapping_sub(of(&scan.start));
         }
         scan.note(reading, place);
         memory.samples.push((place[0], reading.level()));
