@@ -15,7 +15,7 @@ fn a_line_finds_the_peak_on_either_flank_and_goes_there() {
         assert!(bench.error().starts_with("0,"));
         let [peak, sigma, ended] = outcome.axes[0];
         println!("{seed} {flank}: spot {:?}, {outcome:?}, stands {:?}", bench.spot.at, bench.truth());
-        assert_eq!(outcome.status, DONE_WITH_PEAK);
+        assert_eq!(outcome.status & !32, DONE_WITH_PEAK);
         assert!((399..=402).contains(&outcome.samples), "{outcome:?}");
         assert!((peak * 1000.0 - bench.spot.at[0]).abs() < 20.0 && sigma < 0.01, "{outcome:?}");
         assert!((ended - peak).abs() < 0.03 && (bench.truth()[0] - bench.spot.at[0]).abs() < 60.0);
@@ -52,7 +52,7 @@ fn lines_and_parabolas_find_the_peak_whatever_the_play_does() {
             .as_str(),
         );
         let outcome = bench.scan(3);
-        assert_eq!(outcome.status, DONE_WITH_PEAK, "{seed}");
+        assert_eq!(outcome.status & !32, DONE_WITH_PEAK, "{seed}");
         // where it stands is where the light is, though the coordinate may be off by the play
         assert!((bench.truth()[0] - bench.spot.at[0]).abs() < 35.0, "{seed}: {:?} {:?}", bench.truth(), bench.spot);
         assert!(outcome.axes[0][1] < 0.03, "{seed}: {outcome:?}");
@@ -119,7 +119,7 @@ fn a_climb_whose_steps_the_play_swallows_is_refused_with_the_least_step_that_wor
     // as many steps as it takes, or one that is large enough
     for definition in ["20,0.4,0.1,4", "20,0.4,0.301,1"] {
         bench.good(&format!("SCAN:DEF:HILL 0,1,(@1,2),{definition}"));
-        assert_eq!(bench.scan(0).status, DONE_WITH_PEAK);
+        assert_eq!(bench.scan(0).status & !32, DONE_WITH_PEAK);
         bench.good("AXIS1:MOVE 0;:AXIS2:MOVE 0;*OPC?");
     }
     for mode in ["COMP:BACK:STAT ON;:COMP:STAT OFF", "COMP:STAT ON;:AXIS1:BACK:MODE OFF"] {
@@ -128,7 +128,7 @@ fn a_climb_whose_steps_the_play_swallows_is_refused_with_the_least_step_that_wor
         assert!(bench.error().starts_with("-221,"), "{mode}");
     }
     bench.good("AXIS1:BACK:MODE REV;:SCAN:DEF:HILL 0,1,(@1,2),20,0.2,0.1,1");
-    assert_eq!(bench.scan(0).status, DONE_WITH_PEAK);
+    assert_eq!(bench.scan(0).status & !32, DONE_WITH_PEAK);
 }
 
 #[test]

@@ -14,9 +14,9 @@ const ENOUGH: usize = 5;
 /// Depth below the greatest point within which points belong to the peak.
 const DEPTH: i32 = 3 * DB;
 /// Fits after each of which points are left out that do not belong.
-const ROUNDS: usize = 4;
+const ROUNDS: usize = 8;
 /// Beyond so many standard deviations of the rest a point does not belong.
-const STRAY: i64 = 4;
+const STRAY: i64 = 3;
 /// What is left over of a point that always belongs, squared: a thousandth of a dB.
 const ALWAYS: i64 = 1_000_000;
 /// A curvature counts from so many of its standard deviations on.
@@ -91,6 +91,8 @@ fn around(points: &[Point], top: usize, depth: i32) -> (Mask, usize) {
 /// Coefficients of `c0 + c1 u + c2 u^2` in millionths of a dB from the greatest point, u in nm or nrad from the middle, and
 /// what they are made of.
 struct Fit {
+    /// Least and largest position.
+    reach: (i32, i32),
     middle: i32,
     c: [Real; 3],
     /// m_2 - m_1^2, m_1 m_2 - m_3, m_4 - m_2^2.
@@ -104,7 +106,7 @@ struct Fit {
 fn fit(points: &[Point], mask: &Mask, top: i32) -> Option<Fit> {
     let used = || points.iter().enumerate().filter(|(n, _)| has(mask, *n)).map(|(_, point)| point);
     let (first, last) = (used().next()?.0, used().last()?.0);
-    let middle = first.midpoint(last);
+    let (middle, reach) = (first.midpoint(last), (first.min(last), first.max(last)));
     let mut sums = [Real::ZERO; 8];
     let mut count = 0;
     for (x, y) in used() {
@@ -132,7 +134,7 @@ fn fit(points: &[Point], mask: &Mask, top: i32) -> Option<Fit> {
         return None;
     }
     let c = [three(a, b, c), three(b, d, e), three(c, e, f)].map(|n| n.over(divisor));
-    Some(Fit { middle, c, spread, divisor, count })
+    Some(Fit { reach, middle, c, spread, divisor, count })
 }
 
 impl Fit {
@@ -202,8 +204,7 @@ pub fn find(points: &[Point]) -> Option<Peak> {
         }
         let u = fit.c[1].over(c2).times(Real::new(-1, -1));
         let x = u.plus(Real::whole(fit.middle.into())).rounded();
-        let (first, last) = (points.first()?.0, points.last()?.0);
-        let (least, most) = (first.min(last), first.max(last));
+        let (least, most) = fit.reach;
         // var(f') = variance (4 u^2 f + 4 u e + d) / (n divisor), sigma = sqrt(var) / |2 c2|
         let twice = u.plus(u);
         let part = twice.times(twice.times(f)).plus(twice.times(e).plus(twice.times(e))).plus(d);
