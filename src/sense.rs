@@ -88,6 +88,7 @@ pub enum Reading {
 
 impl Reading {
     /// As a level: what is out of range counts as the end of it.
+    #[inline(never)]
     pub fn level(self) -> i32 {
         match self {
             Reading::Level(level) => level,
@@ -160,9 +161,10 @@ impl SenseSettings {
     }
 
     /// What a mean of `count` samples says. `saturated`: one of them was at full scale.
+    #[inline(never)]
     pub fn reading(&self, sum: u32, count: u16, saturated: bool) -> Reading {
         let level = self.level(sum, count);
-        if saturated || self.range.is_some_and(|range| level > range.saturating_mul(1000)) {
+        if saturated || self.range.is_some_and(|range| level > range.wrapping_mul(1000)) {
             Reading::High
         } else if sum < u32::from(count) * u32::from(CONVERSIONS) {
             Reading::Low
@@ -171,17 +173,12 @@ impl SenseSettings {
         }
     }
 
-    /// Level of full scale, thousandths of a dBm.
-    pub fn full_scale(&self) -> i32 {
-        (self.level(FULL_SCALE.into(), 1) + 500).div_euclid(1000)
-    }
-
     /// Least and largest power that the range may be: the level of one step of a conversion, and that of full scale,
     /// thousandths of a dBm.
+    #[inline(never)]
     pub fn ranges(&self) -> (i32, i32) {
-        let least = (self.level(CONVERSIONS.into(), 1) + 500).div_euclid(1000);
-        let most = self.full_scale();
-        (least.min(most), least.max(most))
+        let [least, most] = [CONVERSIONS, FULL_SCALE].map(|code| (self.level(code.into(), 1) + 500).div_euclid(1000));
+        (least, most.max(least))
     }
 
     /// What `*RST` sets.

@@ -51,6 +51,7 @@ impl Climb {
     }
 
     /// The level at [`Climb::here`]; the next point in `here`, or false: the climb has ended.
+    #[inline(never)]
     pub fn measured(&mut self, definition: &Definition, level: i32) -> bool {
         let first = self.measured == 0;
         self.measured += 1;

@@ -98,7 +98,7 @@ impl Front {
     /// The threshold was reached, and the scan ends there.
     pub(super) fn found_light(&mut self) {
         let Some(scan) = self.light.scan_mut() else { return };
-        let place = scan.first.unwrap_or_default();
+        let place = scan.first;
         let level = scan.best.0;
         scan.outcome.status &= !status::SATURATED;
         self.found(place, level, [0; SCAN_AXES]);
@@ -111,7 +111,7 @@ impl Front {
         if scan.outcome.status & status::SATURATED != 0 {
             return self.fail_scan("power saturated");
         }
-        if !light || level <= DARK || scan.definition.values[END] == end::FIRST && scan.first.is_none() {
+        if !light || level <= DARK {
             return self.fail_scan(NO_LIGHT);
         }
         if scan.definition.values[END] != end::FIRST {

@@ -83,7 +83,7 @@ pub struct Scan {
     /// The greatest sample: level and offsets.
     best: (i32, [i32; SCAN_AXES]),
     /// The sample that reached the threshold.
-    first: Option<[i32; SCAN_AXES]>,
+    first: [i32; SCAN_AXES],
     /// What was found, as offsets.
     place: [i32; SCAN_AXES],
     /// Lines of a raster that have a peak.
@@ -108,7 +108,7 @@ impl Scan {
         block: Block::NONE,
         climb: Climb::NONE,
         best: (0, [0; SCAN_AXES]),
-        first: None,
+        first: [0; SCAN_AXES],
         place: [0; SCAN_AXES],
         lines: 0,
         over: false,

@@ -105,7 +105,10 @@ impl Front {
         let (along, beside) = (offset, scan.leg.beside);
         scan.note(reading, if scan.leg.along == 0 { [along, beside, 0] } else { [beside, along, 0] });
         memory.samples.push((along, reading.level()));
-        if scan.definition.values[END] == end::FIRST && scan.first.is_some() && scan.phase == Phase::Sampling {
+        if scan.definition.values[END] == end::FIRST
+            && scan.outcome.status & status::LIGHT != 0
+            && scan.phase == Phase::Sampling
+        {
             scan.phase = Phase::Crossing;
             self.planner.stop_coordinated();
         }
@@ -135,7 +138,7 @@ impl Front {
         } else {
             scan.index < definition.values[NUMBER]
         };
-        if definition.values[END] == end::FIRST && scan.first.is_some() {
+        if definition.values[END] == end::FIRST && scan.outcome.status & status::LIGHT != 0 {
             self.found_light();
         } else if goes_on && !(climbs && reading == Reading::High) {
             self.begin_part();
@@ -149,6 +152,7 @@ impl Front {
 
 impl Scan {
     /// Counts a mean and remembers the greatest and the first one with light.
+    #[inline(never)]
     fn note(&mut self, reading: Reading, place: [i32; SCAN_AXES]) {
         let level = reading.level();
         self.outcome.samples += 1;
@@ -158,9 +162,11 @@ impl Scan {
         if level > self.best.0 {
             self.best = (level, place);
         }
-        if level >= self.definition.values[THRESHOLD].saturating_mul(1000) && reading != Reading::Low {
+        if level >= self.definition.values[THRESHOLD].wrapping_mul(1000) && reading != Reading::Low {
+            if self.outcome.status & status::LIGHT == 0 {
+                self.first = place;
+            }
             self.outcome.status |= status::LIGHT;
-            self.first = self.first.or(Some(place));
         }
     }
 }
