@@ -2,6 +2,8 @@
 
 mod light;
 
+use host_sim::board::Interleaving;
+use host_sim::machine::Machine;
 use light::{Bench, DONE_WITH_PEAK, Spot};
 
 #[test]
@@ -142,6 +144,27 @@ fn a_late_meter_moves_no_peak() {
             let outcome = bench.scan(0);
             assert!((outcome.axes[0][0] * 1000.0 - 1234.0).abs() < 12.0, "{late} {flank}: {outcome:?}");
             assert!(bench.truth()[0].abs() < 60.0, "back where it began");
+        }
+    }
+}
+
+#[test]
+fn an_angle_is_scanned_about_the_held_pivot_on_machines_with_levers() {
+    for (n, machine) in ["paper", "long-lever"].into_iter().enumerate() {
+        let path = format!("{}/machines/{machine}.toml", env!("CARGO_MANIFEST_DIR"));
+        let machine = Machine::parse(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        for axis in 3..6 {
+            let mut spot = Spot::new([0.0; 3]);
+            spot.width = [50_000.0; 3];
+            spot.tilt = Some((axis, 1_500_000.0, 9_000_000.0));
+            let mut bench = Bench::of(&machine, spot, n as u64, Interleaving::Jittered(3));
+            for flank in ["POS", "NEG"] {
+                bench.good(&format!("SENS:AVER 1;:SCAN:DEF:LINE 0,1,{},1,0.002,-60,STAR,{flank}", axis + 1));
+                let outcome = bench.scan(0);
+                let off = outcome.axes[0][0].to_radians() * 1e9 - 1_500_000.0;
+                // a step of 4 urad, and errors of the machine that the controller does not know
+                assert!(outcome.status & !32 == DONE_WITH_PEAK && off.abs() < 20_000.0, "{axis} {off}: {outcome:?}");
+            }
         }
     }
 }

@@ -49,7 +49,9 @@ fn no_string_of_commands_wedges_a_scan() {
     for seed in 0..rounds {
         let mut bench = Bench::new(Spot::new([300.0, -200.0, 0.0]), seed);
         let mut dice = Seeded::new(seed ^ 0xabcd);
-        (0..4).for_each(|_| drop(dice.next_u64()));
+        for _ in 0..4 {
+            let _ = dice.next_u64();
+        }
         bench.console.exchange(format!("SENS:AVER 2\n{}\n", LINES[..5].join("\n")).as_bytes());
         for _ in 0..40 {
             let line = LINES[dice.below(LINES.len() as u64) as usize];

@@ -130,7 +130,9 @@ fn an_abort_at_any_word_stops_the_scan_there_and_the_next_one_is_right() {
     for seed in 0..60u64 {
         let mut bench = Bench::of(&machine, Spot::new([700.0, -300.0, 0.0]), seed, Interleaving::Jittered(3));
         let mut dice = Seeded::new(seed);
-        (0..4).for_each(|_| drop(dice.next_u64()));
+        for _ in 0..4 {
+            let _ = dice.next_u64();
+        }
         bench.good("SENS:AVER 1");
         bench.good(KINDS[seed as usize % KINDS.len()]);
         bench.good("SCAN:STAR 0");

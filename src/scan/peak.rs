@@ -105,7 +105,7 @@ struct Fit {
 #[inline(never)]
 fn fit(points: &[Point], mask: &Mask, top: i32) -> Option<Fit> {
     let used = || points.iter().enumerate().filter(|(n, _)| has(mask, *n)).map(|(_, point)| point);
-    let (first, last) = (used().next()?.0, used().last()?.0);
+    let (first, last) = (used().next()?.0, used().next_back()?.0);
     let (middle, reach) = (first.midpoint(last), (first.min(last), first.max(last)));
     let mut sums = [Real::ZERO; 8];
     let mut count = 0;

@@ -12,6 +12,7 @@ use crate::sense::{
     AVERAGE_DEFAULT, AVERAGE_MAX, BRIGHT, DARK, DELAY_MAX_NS, GAIN_MAX, Input, Reading, SLOPE_MAX, femtowatts,
 };
 use crate::units::decimal::Unit;
+use core::task::Poll;
 
 /// Words of SCALe.
 const SCALES: [&str; 2] = ["LOGarithmic", "LINear"];
@@ -70,9 +71,9 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
 fn power(front: &mut Front, channel: usize, out: &mut Response) -> Flow {
     let watts = front.sense_settings(channel).watts;
     match front.read_power(channel) {
-        Err(()) => return Flow::Wait,
-        Ok(Some(Reading::Level(value))) if watts => out.fraction(false, femtowatts(value).into(), 15),
-        Ok(reading) => answer(reading, out),
+        Poll::Pending => return Flow::Wait,
+        Poll::Ready(Some(Reading::Level(value))) if watts => out.fraction(false, femtowatts(value).into(), 15),
+        Poll::Ready(reading) => answer(reading, out),
     }
     Flow::Done
 }

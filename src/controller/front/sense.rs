@@ -8,6 +8,7 @@ use crate::refill::border::{POWER_INPUTS, Sample};
 use crate::sense::{FULL_SCALE, Reading, SenseInputs, SenseSettings};
 use crate::trace::{Record, Source, State, Told, Trace};
 use crate::units::SEGMENT_NS;
+use core::task::Poll;
 
 /// Samples that may be late: what is asked at rest waits for no older ones.
 const RECENT: u64 = 64;
@@ -106,20 +107,20 @@ impl Front {
     }
 
     /// Mean of the latest samples of an input: none before the first one. At rest those alone count that were taken since
-    /// the motors stand and the meter has followed: `Err(())` until there are enough of them.
-    pub fn read_power(&mut self, channel: usize) -> Result<Option<Reading>, ()> {
+    /// the motors stand and the meter has followed: pending until there are enough of them.
+    pub fn read_power(&mut self, channel: usize) -> Poll<Option<Reading>> {
         self.sense.watched |= 1 << (channel & 7);
         let settings = &self.settings.sense[channel & 1];
-        let Some(latest) = self.sense.latest else { return Ok(None) };
+        let Some(latest) = self.sense.latest else { return Poll::Ready(None) };
         let comes = self.report.played.saturating_sub(latest.played) < RECENT && !self.is_stopped();
         if comes && !self.is_moving() && self.abort == Abort::None {
             let wanted = u64::from(settings.average) + late_segments(settings);
             if u64::from(self.sense.still) < wanted {
-                return Err(());
+                return Poll::Pending;
             }
         }
         let mean = self.mean(channel, settings.average);
-        Ok(mean.map(|(sum, count, saturated)| settings.reading(sum, count, saturated)))
+        Poll::Ready(mean.map(|(sum, count, saturated)| settings.reading(sum, count, saturated)))
     }
 
     /// Sum of the latest samples of an input, how many they are, and whether one of them is saturated.
