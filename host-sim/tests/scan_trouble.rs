@@ -2,9 +2,11 @@
 
 mod light;
 
-use host_sim::board::{Interleaving, Seeded};
+use host_sim::board::{Board, Interleaving, Seeded};
 use host_sim::machine::Machine;
+use host_sim::session::power_up;
 use light::{Bench, DONE_WITH_PEAK, Spot};
+use stage_controller::controller::links::Links;
 
 const LINE: &str = "SENS:AVER 1;:SCAN:DEF:LINE 0,1,1,20,0.05,-40,PEAK";
 
@@ -332,4 +334,51 @@ fn definitions_and_settings_refuse_nonsense_with_the_value() {
         bench.good(&format!("SCAN:DEF:{kind} {answer}"));
         assert_eq!(bench.good(&format!("SCAN:DEF:{kind}? {}", &parameters[..1])), answer);
     }
+}
+
+#[test]
+fn a_link_that_closes_or_is_cleared_does_not_end_a_scan() {
+    let machine = Machine::paper();
+    let mut board = Board::new(&machine, power_up(&machine, false).unwrap(), Interleaving::Prompt, 1);
+    assert!(board.settle());
+    let mut links: Links<2> = Links::new();
+    let link = links.open(0).unwrap();
+    for line in ["SENS:AVER 1", "SCAN:DEF:LINE 0,1,1,10,0.05,-60,PEAK", "SCAN:STAR 0"] {
+        links.receive(link, format!("{line}\n").as_bytes(), 0);
+        links.poll(&mut board.front, 0);
+    }
+    let run = |board: &mut Board, links: &mut Links<2>, segments: u64| {
+        for _ in 0..segments {
+            board.step(|_| ());
+            let off = (board.twin().true_pose()[0] - 1500.0) / 5000.0;
+            let code = (10f64.powf(-0.434_294_48 * off * off) / 3.3 * 32760.0) as u16;
+            board.set_power([code, code]);
+            links.poll(&mut board.front, 0);
+        }
+    };
+    run(&mut board, &mut links, 150);
+    assert!(board.front.is_scanning());
+    links.receive(link, b"*OPC?\n\x18", 0);
+    links.close(link, &mut board.front);
+    run(&mut board, &mut links, 3000);
+    assert!(!board.front.operation_pending());
+    let other = links.open(0).unwrap();
+    links.receive(other, b"SCAN:RES? 0\n", 0);
+    run(&mut board, &mut links, 1);
+    let mut answer = [0; 200];
+    let length = links.transmit(other, &mut answer);
+    let answer = String::from_utf8_lossy(&answer[..length]).into_owned();
+    assert!(answer.starts_with("7,") && answer.contains(",1.5"), "{answer}");
+    assert!((board.twin().true_pose()[0] - 1500.0).abs() < 60.0);
+}
+
+#[test]
+fn first_light_may_be_too_much_and_is_still_light() {
+    let mut bench = bench([3000.0, 0.0, 0.0], 12);
+    (bench.spot.top, bench.spot.width) = (40.0, [1000.0, 1000.0, 500_000.0]);
+    bench.run(10);
+    bench.good("SENS:AVER 1;:SCAN:DEF:LINE 0,1,1,10,0.2,5.1,FIRS");
+    let outcome = bench.scan(0);
+    assert_eq!(outcome.status & 0x307, 5, "{outcome:?}");
+    assert!(bench.truth()[0] < 1_500.0 && bench.truth()[0] > -1_000.0, "{:?}", bench.truth());
 }

@@ -201,7 +201,8 @@ fn result(front: &Front, id: usize, out: &mut Response) -> Result<(), Error> {
     out.integer(outcome.status);
     out.integer(outcome.samples);
     let known = outcome.samples > 0 && outcome.has_position();
-    answer_level(known.then_some(Reading::Level(outcome.level)), out);
+    let reading = if outcome.level >= BRIGHT { Reading::High } else { Reading::Level(outcome.level) };
+    answer_level(known.then_some(reading), out);
     for (n, i) in definition.axes().iter().enumerate() {
         let of = |all: &[i32]| all.get(usize::from(*i)).copied().unwrap_or(0);
         let sigma = outcome.sigma.get(n).copied().unwrap_or(0) as i32;
