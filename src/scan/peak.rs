@@ -6,7 +6,7 @@
 //! determinants; the common divisor cancels in the position of the maximum -c1 / (2 c2).
 
 use super::real::Real;
-use super::samples::{CAPACITY, Point};
+use super::samples::Point;
 use crate::sense::{DARK, DB};
 
 /// Points that a fit should have.
@@ -37,19 +37,6 @@ pub struct Peak {
     pub strays: bool,
 }
 
-/// Which points belong.
-type Mask = [u32; CAPACITY / 32];
-
-fn has(mask: &Mask, n: usize) -> bool {
-    mask.get(n / 32).is_some_and(|word| word >> (n % 32) & 1 != 0)
-}
-
-fn set(mask: &mut Mask, n: usize, on: bool) {
-    if let Some(word) = mask.get_mut(n / 32) {
-        *word = *word & !(1 << (n % 32)) | u32::from(on) << (n % 32);
-    }
-}
-
 /// The middle one of a point's level and its neighbours': a single stray is no maximum.
 fn calm(points: &[Point], n: usize) -> i32 {
     let level = |n: usize| points.get(n).map(|point| point.1);
@@ -66,26 +53,18 @@ fn greatest(points: &[Point]) -> Option<usize> {
     (0..points.len()).max_by_key(|n| (calm(points, *n), points.get(*n).map(|point| point.1)))
 }
 
-/// The points around the greatest one down to a depth: to either side until two in a row lie below.
-fn around(points: &[Point], top: usize, depth: i32) -> (Mask, usize) {
-    let mut mask = Mask::default();
-    let floor = calm(points, top).saturating_sub(depth);
-    let mut count = 0;
-    let mut go = |range: &mut dyn Iterator<Item = usize>| {
-        let mut below = 0;
-        for n in range {
-            let belongs = points.get(n).is_some_and(|point| point.1 >= floor);
-            below = if belongs { 0 } else { below + 1 };
-            if below >= 2 {
-                break;
-            }
-            set(&mut mask, n, belongs);
-            count += usize::from(belongs);
-        }
-    };
-    go(&mut (top..points.len()));
-    go(&mut (0..top).rev());
-    (mask, count)
+/// The points around the greatest one down to a level: to either side until two in a row lie below.
+#[inline(never)]
+fn around(points: &[Point], top: usize, floor: i32) -> (usize, usize) {
+    let below = |n: usize| points.get(n).is_none_or(|point| point.1 < floor);
+    let (mut first, mut end) = (top, top + 1);
+    while first > 0 && !(below(first - 1) && (first < 2 || below(first - 2))) {
+        first -= 1;
+    }
+    while end < points.len() && !(below(end) && below(end + 1)) {
+        end += 1;
+    }
+    (first, end)
 }
 
 /// Coefficients of `c0 + c1 u + c2 u^2` in millionths of a dB from the greatest point, u in nm or nrad from the middle, and
@@ -101,15 +80,17 @@ struct Fit {
     count: i32,
 }
 
-/// Of the points that belong. None: fewer than three, or all in one place.
+/// Of the points that are not below a level. None: fewer than three, or all in one place.
 #[inline(never)]
-fn fit(points: &[Point], mask: &Mask, top: i32) -> Option<Fit> {
-    let used = || points.iter().enumerate().filter(|(n, _)| has(mask, *n)).map(|(_, point)| point);
-    let (first, last) = (used().next()?.0, used().next_back()?.0);
+fn fit(points: &[Point], floor: i32, top: i32) -> Option<Fit> {
+    let (first, last) = (points.first()?.0, points.last()?.0);
     let (middle, reach) = (first.midpoint(last), (first.min(last), first.max(last)));
     let mut sums = [Real::ZERO; 8];
     let mut count = 0;
-    for (x, y) in used() {
+    for (x, y) in points {
+        if *y < floor {
+            continue;
+        }
         let u = Real::whole(i64::from(*x) - i64::from(middle));
         let (mut power, y) = (Real::whole(1), Real::whole(i64::from(*y) - i64::from(top)));
         for k in 0..5 {
@@ -157,9 +138,10 @@ impl Fit {
     }
 }
 
-/// The peak of points in the order of their positions. None: fewer than three.
+/// The peak of points in the order of their positions; the levels of those that do not belong are lost. None: fewer than
+/// three.
 #[inline(never)]
-pub fn find(points: &[Point]) -> Option<Peak> {
+pub fn find(points: &mut [Point]) -> Option<Peak> {
     let top = greatest(points)?;
     if points.len() < 3 {
         return None;
@@ -167,27 +149,31 @@ pub fn find(points: &[Point]) -> Option<Peak> {
     let (x, level) = *points.get(top)?;
     let mut peak = Peak { x, sigma: None, level, edge: true, strays: false };
     let highest = calm(points, top);
-    let mut depth = DEPTH;
-    let (mut mask, mut count) = around(points, top, depth);
-    while count < ENOUGH.min(points.len()) && depth < 30 * DB {
+    let (mut depth, enough) = (DEPTH, ENOUGH.min(points.len()));
+    let (first, end) = loop {
+        let (first, end) = around(points, top, highest - depth);
+        if end - first >= enough || depth > 30 * DB {
+            break (first, end);
+        }
         depth *= 2;
-        (mask, count) = around(points, top, depth);
-    }
+    };
+    let floor = highest - depth;
+    let points = points.get_mut(first..end)?;
     for _ in 0..ROUNDS {
-        let Some(fit) = fit(points, &mask, highest) else { break };
+        let Some(fit) = fit(points, floor, highest) else { break };
         let mut squares = Real::ZERO;
-        for (n, point) in points.iter().enumerate() {
+        for point in points.iter().filter(|point| point.1 >= floor) {
             let left = fit.left(point, highest);
-            squares = if has(&mask, n) { squares.plus(left.times(left)) } else { squares };
+            squares = squares.plus(left.times(left));
         }
         let freedom = fit.count - 3;
         let variance = squares.over(Real::whole(freedom.max(1).into()));
         let limit = variance.times(Real::whole(STRAY * STRAY)).plus(Real::whole(ALWAYS));
         let mut fewer = false;
-        for (n, point) in points.iter().enumerate() {
+        for point in points.iter_mut().filter(|point| point.1 >= floor && freedom > 3) {
             let left = fit.left(point, highest);
-            if freedom > 3 && has(&mask, n) && limit.minus(left.times(left)).is_negative() {
-                set(&mut mask, n, false);
+            if limit.minus(left.times(left)).is_negative() {
+                point.1 = i32::MIN;
                 fewer = true;
             }
         }
@@ -262,8 +248,8 @@ mod tests {
             let x0 = half * (1.6 * uniform(&mut random) - 0.8);
             let count = 5 + (uniform(&mut random) * 250.0) as usize;
             let positions = (0..count).map(|n| -half + 2.0 * half * n as f64 / (count - 1) as f64);
-            let points = gaussian(positions, x0, w, 0.0, &mut random);
-            let peak = find(&points).unwrap();
+            let mut points = gaussian(positions, x0, w, 0.0, &mut random);
+            let peak = find(&mut points).unwrap();
             let room = 1.0 + half / 20_000.0 + 300.0 / w;
             assert!(!peak.edge && (f64::from(peak.x) - x0).abs() <= room, "{case}: w {w} half {half} x0 {x0} {peak:?}");
             assert!((f64::from(peak.level) + 20e6).abs() < 1000.0 + 1e6 / w, "{case}: w {w} {peak:?}");
@@ -278,8 +264,8 @@ mod tests {
             for _ in 0..runs {
                 let x0 = 800.0 * (uniform(&mut random) - 0.5);
                 let positions = (0..count).map(|n| -4000.0 + 8000.0 * n as f64 / (count - 1) as f64);
-                let points = gaussian(positions, x0, 5000.0, noise, &mut random);
-                let peak = find(&points).unwrap();
+                let mut points = gaussian(positions, x0, 5000.0, noise, &mut random);
+                let peak = find(&mut points).unwrap();
                 squares += (f64::from(peak.x) - x0).powi(2);
                 told += f64::from(peak.sigma.unwrap());
             }
@@ -300,7 +286,7 @@ mod tests {
                 let at = (uniform(&mut random) * 200.0) as usize;
                 points[at].1 += if uniform(&mut random) < 0.5 { 2_000_000 } else { -30_000_000 };
             }
-            let peak = find(&points).unwrap();
+            let peak = find(&mut points).unwrap();
             // two of them side by side may look like a maximum of their own
             missed += u32::from(peak.edge);
             assert!(peak.edge || (f64::from(peak.x) - x0).abs() < 20.0, "{case}: {x0} {peak:?}");
@@ -313,19 +299,19 @@ mod tests {
         let mut random = Random(7);
         let mut found = 0;
         for _ in 0..500 {
-            let noise: Vec<Point> =
+            let mut noise: Vec<Point> =
                 (0..100).map(|n| (100 * n, -60_000_000 + (500_000.0 * normal(&mut random)) as i32)).collect();
-            found += u32::from(!find(&noise).unwrap().edge);
+            found += u32::from(!find(&mut noise).unwrap().edge);
         }
         assert!(found < 25, "{found} of 500");
         for x0 in [-30_000.0, 14_000.0] {
-            let flank = gaussian((0..100).map(|n| 100.0 * n as f64), x0, 5000.0, 0.003, &mut random);
-            let peak = find(&flank).unwrap();
+            let mut flank = gaussian((0..100).map(|n| 100.0 * n as f64), x0, 5000.0, 0.003, &mut random);
+            let peak = find(&mut flank).unwrap();
             assert!(peak.edge && peak.x == if x0 < 0.0 { 0 } else { 9_900 }, "{peak:?}");
         }
-        assert!(find(&[(0, 0), (1, 1)]).is_none());
-        assert!(find(&[(5, 5); 100]).unwrap().edge);
-        let extreme = [(i32::MIN, DARK), (0, 200 * DB), (i32::MAX, DARK)];
-        assert!(find(&extreme).is_some());
+        assert!(find(&mut [(0, 0), (1, 1)]).is_none());
+        assert!(find(&mut [(5, 5); 100]).unwrap().edge);
+        let mut extreme = [(i32::MIN, DARK), (0, 200 * DB), (i32::MAX, DARK)];
+        assert!(find(&mut extreme).is_some());
     }
 }

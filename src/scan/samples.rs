@@ -41,6 +41,11 @@ impl Samples {
         self.points.get(..usize::from(self.length)).unwrap_or(&[])
     }
 
+    /// The points, to be worked on.
+    pub fn points_mut(&mut self) -> &mut [Point] {
+        self.points.get_mut(..usize::from(self.length)).unwrap_or(&mut [])
+    }
+
     /// Samples of a point.
     pub fn joined(&self) -> u32 {
         self.more + 1

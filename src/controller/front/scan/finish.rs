@@ -40,10 +40,10 @@ impl Front {
     }
 
     /// The peak of the line in memory, where the stage was when the light was seen.
-    fn line_peak(&self) -> Option<Peak> {
-        let memory = self.light.get()?;
+    fn line_peak(&mut self) -> Option<Peak> {
+        let memory = self.light.get_mut()?;
         let scan = &memory.scan;
-        let mut peak = peak::find(memory.samples.points())?;
+        let mut peak = peak::find(memory.samples.points_mut())?;
         if scan.leg.lag != 0 && scan.definition.kind != Kind::Parabola {
             // as fast as it really was
             let delay = self.settings.sense[scan.definition.channel()].delay_ns;
@@ -76,12 +76,10 @@ impl Front {
 
     /// All lines of a raster have been sampled: a parabola over their peaks, and a straight line through their places.
     fn raster_found(&mut self) {
-        let Some(memory) = self.light.get() else { return };
-        let scan = &memory.scan;
-        let count = usize::from(scan.lines);
-        let lines = memory.lines.get(..count).unwrap_or(&[]);
-        let Some(across) = peak::find(lines) else {
-            let dark = scan.outcome.status & status::LIGHT == 0;
+        let Some(memory) = self.light.get_mut() else { return };
+        let count = usize::from(memory.scan.lines);
+        let Some(across) = peak::find(memory.lines.get_mut(..count).unwrap_or(&mut [])) else {
+            let dark = memory.scan.outcome.status & status::LIGHT == 0;
             return self.fail_scan(if dark { NO_LIGHT } else { "fewer than three lines with a maximum" });
         };
         let (x, sigma) = along(memory, count, across.x);
