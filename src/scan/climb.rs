@@ -1,6 +1,6 @@
 //! A climb: steps along one axis after the other as long as they gain, then smaller ones.
 
-use super::{Definition, LEAST, NUMBER, RANGE, SCAN_AXES, STEP};
+use super::{Definition, LEAST, NUMBER, RANGE, SCAN_AXES};
 
 /// Measurements after which a climb is content with what it has.
 const MOST: u16 = 2000;
@@ -14,7 +14,7 @@ pub struct Climb {
     pub level: i32,
     /// Bit n: axis n came to the best point downwards.
     pub downwards: u8,
-    /// The present step.
+    /// The present step, to begin with the first one.
     pub step: i32,
     axis: u8,
     down: bool,
@@ -44,11 +44,6 @@ impl Climb {
         measured: 0,
         here: [0; SCAN_AXES],
     };
-
-    /// Begins where the stage stands.
-    pub fn new(definition: &Definition) -> Self {
-        Climb { step: definition.values[STEP], ..Climb::default() }
-    }
 
     /// The level at [`Climb::here`]; the next point in `here`, or false: the climb has ended.
     #[inline(never)]
@@ -103,6 +98,7 @@ impl Climb {
 
 #[cfg(test)]
 mod tests {
+    use super::super::STEP;
     use super::*;
 
     fn climb(patience: u16, power: impl Fn([i32; 3]) -> i32) -> (Climb, u32) {
@@ -110,7 +106,7 @@ mod tests {
         for (slot, value) in [(RANGE, 40_000), (STEP, 1_000), (LEAST, 50), (NUMBER, patience.into())] {
             definition.values[slot] = value;
         }
-        let mut climb = Climb::new(&definition);
+        let mut climb = Climb { step: definition.values[STEP], ..Climb::NONE };
         let mut count = 1;
         while climb.measured(&definition, power(climb.here)) {
             count += 1;

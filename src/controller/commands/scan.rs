@@ -196,8 +196,8 @@ fn answer(own: &Definition, field: u8, out: &mut Response) {
 
 #[inline(never)]
 fn result(front: &Front, id: usize, out: &mut Response) -> Result<(), Error> {
-    let outcome = front.scan_outcome(id)?;
     let definition = front.scan_definition(id)?;
+    let (outcome, stands) = front.scan_outcome(id)?;
     out.integer(outcome.status);
     out.integer(outcome.samples);
     let known = outcome.samples > 0 && outcome.has_position();
@@ -206,7 +206,7 @@ fn result(front: &Front, id: usize, out: &mut Response) -> Result<(), Error> {
     for (n, i) in definition.axes().iter().enumerate() {
         let of = |all: &[i32]| all.get(usize::from(*i)).copied().unwrap_or(0);
         let sigma = outcome.sigma.get(n).copied().unwrap_or(0) as i32;
-        let values = [(of(&outcome.position), known), (sigma, known && sigma > 0), (of(&outcome.ended), true)];
+        let values = [(of(&outcome.position), known), (sigma, known && sigma > 0), (of(&stands.0), true)];
         for (value, known) in values {
             if known { out.axis_quantity(definition.axis(n), value.into(), 0) } else { out.text(NOT_A_NUMBER) }
         }

@@ -34,8 +34,7 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
     if call.command == C::SensePower {
         return Ok(power(front, channel, out));
     }
-    let mut all = front.settings().sense;
-    let own = &mut all[channel & 1];
+    let mut own = *front.sense_settings(channel);
     if call.command == C::SenseInput {
         if call.query {
             input_answer(own.input, out);
@@ -44,7 +43,7 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
         own.input = input(call)?;
         // the power at full scale is another one
         own.range = None;
-        return front.set_sense(all).map(|()| Flow::Done);
+        return front.set_sense(channel, &own).map(|()| Flow::Done);
     }
     let number = |unit, now, least, most, default| Setting { kind: Kind::Number(unit), now, least, most, default };
     let (least, full) = own.ranges();
@@ -64,7 +63,7 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
         C::SenseScale => own.watts = value != 0,
         _ => own.delay_ns = value as u32,
     }
-    front.set_sense(all).map(|()| Flow::Done)
+    front.set_sense(channel, &own).map(|()| Flow::Done)
 }
 
 /// The mean of the latest samples; waits at rest until they are of where the stage stands.

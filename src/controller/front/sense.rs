@@ -5,7 +5,7 @@ use super::LightMemory;
 use super::{Abort, Front};
 use crate::error::{Error, ErrorNumber};
 use crate::refill::border::{POWER_INPUTS, Sample};
-use crate::sense::{FULL_SCALE, Reading, SenseInputs, SenseSettings};
+use crate::sense::{FULL_SCALE, Reading, SenseSettings};
 use crate::trace::{Record, Source, State, Told, Trace};
 use crate::units::SEGMENT_NS;
 use core::task::Poll;
@@ -96,13 +96,13 @@ impl Front {
         &self.settings.sense[channel & 1]
     }
 
-    /// Puts settings of the inputs in force.
+    /// Puts settings of an input, 0 or 1, in force.
     ///
     /// # Errors
     /// -213 while a scan runs.
-    pub fn set_sense(&mut self, sense: SenseInputs) -> Result<(), Error> {
+    pub fn set_sense(&mut self, channel: usize, settings: &SenseSettings) -> Result<(), Error> {
         self.not_scanning()?;
-        self.settings.sense = sense;
+        self.settings.sense[channel & 1] = *settings;
         Ok(())
     }
 

@@ -12,8 +12,8 @@ impl Front {
     /// All samples of a leg are there.
     #[inline(never)]
     pub(super) fn leg_done(&mut self) {
-        let Some(definition) = self.light.scan().map(|scan| scan.definition) else { return };
-        let peak = if definition.kind == Kind::Raster { self.line_peak() } else { None };
+        let Some(kind) = self.light.scan().map(|scan| scan.definition.kind) else { return };
+        let peak = if kind == Kind::Raster { self.line_peak() } else { None };
         let Some(memory) = self.light.get_mut() else { return };
         let scan = &mut memory.scan;
         if let Some(peak) = peak.filter(|peak| !peak.edge) {
@@ -25,16 +25,17 @@ impl Front {
             }
         }
         scan.index += 1;
-        if scan.index < definition.legs() {
+        if scan.index < scan.definition.legs() {
             return self.begin_part();
         }
-        match definition.kind {
+        match kind {
             Kind::Line => self.line_found(),
             Kind::Raster => self.raster_found(),
             _ => {
                 // the greatest sample: no better than the turns lie apart
                 let (level, place) = scan.best;
-                self.found(place, level, [definition.values[STEP].unsigned_abs() / 2; SCAN_AXES]);
+                let half = scan.definition.values[STEP].unsigned_abs() / 2;
+                self.found(place, level, [half; SCAN_AXES]);
             }
         }
     }
@@ -137,9 +138,9 @@ impl Front {
     pub(super) fn conclude(&mut self) {
         let Some(scan) = self.light.scan_mut() else { return };
         scan.over = true;
-        scan.phase = Phase::Going(Next::Over);
+        (scan.phase, scan.next) = (Phase::Going, Next::Over);
         scan.ways = [None; super::WAYS];
-        let scan = *scan;
+        let Some(scan) = self.light.scan() else { return };
         let definition = &scan.definition;
         let mut offsets = [0; SCAN_AXES];
         let mut downwards = u8::from(definition.is_negative());
@@ -153,9 +154,9 @@ impl Front {
                 }
             }
         }
-        let before = self.before(&scan, offsets, downwards);
+        let ways = [self.before(scan, offsets, downwards), Some(Self::offset_pose(scan, offsets))];
         if let Some(running) = self.light.scan_mut() {
-            running.ways = [before, Some(Self::offset_pose(&scan, offsets))];
+            running.ways = ways;
         }
         self.refresh();
     }

@@ -23,7 +23,7 @@ use super::sense::{Trigger, late_segments};
 use super::{Abort, Front};
 use crate::error::{Error, ErrorNumber};
 use crate::scan::climb::Climb;
-use crate::scan::{Definition, Outcome, SCAN_AXES, SCANS, status};
+use crate::scan::{Definition, Outcome, SCAN_AXES, SCANS, STEP, status};
 use crate::units::{AXES, Pose, SEGMENT_NS};
 use route::Leg;
 use sampling::Block;
@@ -50,16 +50,16 @@ enum Phase {
     None,
     /// Waits for `*TRG`.
     Armed,
-    /// Goes the ways that wait.
-    Going(Next),
+    /// Goes the ways that wait, to what follows.
+    Going,
     /// A leg is sampled in motion.
     Sampling,
     /// Light was found: stops.
     Crossing,
-    /// At rest; samples up to this segment are still to come.
-    Draining(u64),
-    /// At rest: samples from this segment on count.
-    Settling(u64),
+    /// At rest; samples up to a segment are still to come.
+    Draining,
+    /// At rest: samples from a segment on count.
+    Settling,
     /// Stops on command.
     Stopping,
     /// Stopped on command, and can go on.
@@ -71,6 +71,10 @@ enum Phase {
 pub struct Scan {
     id: u8,
     phase: Phase,
+    /// What follows when all ways are gone.
+    next: Next,
+    /// The segment that it waits for.
+    since: u64,
     definition: Definition,
     /// Where it began: offsets of its axes count from here.
     start: Pose,
@@ -100,6 +104,8 @@ impl Scan {
     pub(super) const NONE: Scan = Scan {
         id: 0,
         phase: Phase::None,
+        next: Next::Leg,
+        since: 0,
         definition: Definition::NONE,
         start: Pose([0; AXES]),
         ways: [None; WAYS],
@@ -148,18 +154,18 @@ impl Front {
         kept.map(|kept| &kept.definition).filter(|definition| definition.defined).ok_or(not_defined())
     }
 
-    /// What a scan has given so far.
+    /// What a scan has given so far, and where it ended or stands.
     ///
     /// # Errors
     /// -221 when it is not defined or has never begun.
-    pub fn scan_outcome(&self, id: usize) -> Result<Outcome, Error> {
-        self.scan_definition(id)?;
+    pub fn scan_outcome(&self, id: usize) -> Result<(&Outcome, Pose), Error> {
         if let Some(scan) = self.light.scan().filter(|scan| usize::from(scan.id) == id) {
-            return Ok(Outcome { ended: self.position().0, ..scan.outcome });
+            return Ok((&scan.outcome, self.position()));
         }
         let kept = self.light.get().and_then(|memory| memory.kept.get(id));
-        let outcome = kept.map(|kept| kept.outcome).filter(|outcome| outcome.status != 0);
-        outcome.ok_or(Error::text(ErrorNumber::SettingsConflict, "scan never started"))
+        let outcome = kept.map(|kept| &kept.outcome).filter(|outcome| outcome.status != 0);
+        let never = Error::text(ErrorNumber::SettingsConflict, "scan never started");
+        outcome.map(|outcome| (outcome, Pose(outcome.ended))).ok_or(never)
     }
 
     /// Number and phase of the scan that runs: 0 none, 1 waits for its trigger, 2 moves, 3 samples, 4 stopped.
@@ -167,8 +173,8 @@ impl Front {
         let phase = |scan: &Scan| match scan.phase {
             Phase::None => 0,
             Phase::Armed => 1,
-            Phase::Going(_) | Phase::Crossing | Phase::Stopping => 2,
-            Phase::Sampling | Phase::Draining(_) | Phase::Settling(_) => 3,
+            Phase::Going | Phase::Crossing | Phase::Stopping => 2,
+            Phase::Sampling | Phase::Draining | Phase::Settling => 3,
             Phase::Paused => 4,
         };
         self.light.scan().map_or((0, 0), |scan| (phase(scan), scan.id))
@@ -200,19 +206,15 @@ impl Front {
         self.free_to_scan()?;
         let definition = *self.scan_definition(id)?;
         let start = self.commanded();
-        let scan = Scan {
-            id: id as u8,
-            phase: Phase::Armed,
-            definition,
-            start,
-            climb: Climb::new(&definition),
-            best: (i32::MIN, [0; SCAN_AXES]),
-            outcome: Outcome::FRESH,
-            ..Scan::NONE
-        };
-        self.check_scan(&scan)?;
         if let Some(memory) = self.light.get_mut() {
-            memory.scan = scan;
+            memory.scan = Scan::NONE;
+            let scan = &mut memory.scan;
+            (scan.id, scan.definition, scan.start) = (id as u8, definition, start);
+            (scan.climb.step, scan.best.0, scan.outcome) = (definition.values[STEP], i32::MIN, Outcome::FRESH);
+        }
+        self.check_scan()?;
+        if let Some(memory) = self.light.get_mut() {
+            memory.scan.phase = Phase::Armed;
         }
         self.sense.watched |= 1 << definition.channel();
         if self.sense.trigger == Trigger::Immediate {
@@ -257,13 +259,12 @@ impl Front {
     /// -221 when there is none; those of [`Front::start_scan`].
     pub fn continue_stopped_scan(&mut self) -> Result<(), Error> {
         self.free_to_scan()?;
-        let Some(scan) = self.light.scan().copied() else {
+        if self.light.scan().is_none() {
             return Err(Error::text(ErrorNumber::SettingsConflict, "no stopped scan"));
-        };
-        self.check_scan(&scan)?;
-        if let Some(scan) = self.light.scan_mut() {
-            scan.outcome.status = scan.outcome.status & !status::STOPPED | status::RUNNING;
         }
+        self.check_scan()?;
+        let Some(scan) = self.light.scan_mut() else { return Ok(()) };
+        scan.outcome.status = scan.outcome.status & !status::STOPPED | status::RUNNING;
         if scan.over {
             self.conclude()
         } else {
@@ -304,15 +305,15 @@ impl Front {
 
     /// Begins the leg or the point whose turn it is.
     fn begin_part(&mut self) {
-        let Some(scan) = self.light.scan().copied() else { return };
-        let (ways, next) = self.part_of(&scan);
+        let Some(scan) = self.light.scan() else { return };
+        let (ways, next) = self.part_of(scan);
         let Some(memory) = self.light.get_mut() else { return };
         // every line has its own samples, points belong to one
+        let scan = &mut memory.scan;
         if next == Next::Leg || scan.index == 0 {
             memory.samples.clear();
         }
-        let scan = &mut memory.scan;
-        (scan.ways, scan.phase, scan.block) = (ways, Phase::Going(next), Block::NONE);
+        (scan.ways, scan.phase, scan.next, scan.block) = (ways, Phase::Going, next, Block::NONE);
     }
 
     /// Advances a scan; call it when no order is awaited.
@@ -324,21 +325,21 @@ impl Front {
         let played = self.report.played;
         let heard = self.latest_sample().map_or(0, |sample| sample.played);
         let Some(scan) = self.light.scan_mut() else { return };
-        let settings = self.settings.sense[scan.definition.channel()];
+        let settings = &self.settings.sense[scan.definition.channel()];
         let wanted = u64::from(settings.average);
         match scan.phase {
             _ if !rests => {}
             Phase::None | Phase::Armed | Phase::Paused => {}
-            Phase::Going(next) => {
+            Phase::Going => {
                 if let Some(way) = scan.ways.iter_mut().find_map(Option::take) {
                     self.planner.go(way, None);
                     return;
                 }
-                match next {
+                match scan.next {
                     Next::Leg => self.start_leg(),
                     Next::Measure => {
-                        let from = played + late_segments(&settings);
-                        (scan.block, scan.phase) = (Block::NONE, Phase::Settling(from));
+                        scan.since = played + late_segments(settings);
+                        (scan.block, scan.phase) = (Block::NONE, Phase::Settling);
                     }
                     Next::Over => {
                         let flag = if scan.fails.is_some() { status::FAILED } else { status::DONE };
@@ -346,11 +347,11 @@ impl Front {
                     }
                 }
             }
-            Phase::Sampling => scan.phase = Phase::Draining(played),
-            Phase::Draining(until) if heard >= until => self.leg_done(),
-            Phase::Settling(_) if u64::from(scan.block.count()) >= wanted => self.measured(),
-            Phase::Draining(from) | Phase::Settling(from) => {
-                if played > from + wanted + PATIENCE {
+            Phase::Sampling => (scan.phase, scan.since) = (Phase::Draining, played),
+            Phase::Draining if heard >= scan.since => self.leg_done(),
+            Phase::Settling if u64::from(scan.block.count()) >= wanted => self.measured(),
+            Phase::Draining | Phase::Settling => {
+                if played > scan.since + wanted + PATIENCE {
                     self.fail_scan("no samples of the power inputs");
                 }
             }

@@ -3,7 +3,7 @@
 use super::sampling::Block;
 use super::{Next, Phase, Scan, WAYS};
 use crate::compensation::law::Remembered;
-use crate::controller::front::Front;
+use crate::controller::front::{Front, LightMemory};
 use crate::error::Error;
 use crate::scan::{Definition, Kind, LEAST, NUMBER, PITCH, RANGE, SCAN_AXES, STEP};
 use crate::settings::BacklashMode;
@@ -204,7 +204,8 @@ impl Front {
     ///
     /// # Errors
     /// -221 a climb that the play swallows; 108, 102 and -222 with axis and value.
-    pub(super) fn check_scan(&self, scan: &Scan) -> Result<(), Error> {
+    pub(super) fn check_scan(&self) -> Result<(), Error> {
+        let Some(LightMemory { scan, .. }) = self.light.get() else { return Ok(()) };
         let definition = &scan.definition;
         if definition.kind == Kind::Hill {
             (0..definition.count.into()).try_for_each(|n| self.check_climb(definition, definition.axis(n)))?;

@@ -56,16 +56,16 @@ impl Front {
         let channel = scan.definition.channel();
         let code = sample.power.get(channel).copied().unwrap_or(0);
         let steps = sample.steps.0.get(usize::from(scan.leg.motor)).copied().unwrap_or(0);
-        let settings = self.settings.sense[channel];
+        let settings = &self.settings.sense[channel];
         match scan.phase {
-            Phase::Settling(from) => {
-                let used = sample.played >= from && sample.taking_up == 0 && scan.block.count < settings.average;
+            Phase::Settling => {
+                let used = sample.played >= scan.since && sample.taking_up == 0 && scan.block.count < settings.average;
                 if used {
                     scan.block.add(code, steps);
                 }
                 used
             }
-            Phase::Sampling | Phase::Draining(_) => {
+            Phase::Sampling | Phase::Draining => {
                 let leg = &scan.leg;
                 let offset = leg.offset(i64::from(steps) << 32) - leg.lag;
                 let within = leg.sign() * (offset - leg.from) >= 0 && leg.sign() * (leg.to - offset) >= 0;
@@ -120,8 +120,8 @@ impl Front {
         let at = self.position();
         let Some(memory) = self.light.get_mut() else { return };
         let scan = &mut memory.scan;
-        let definition = scan.definition;
-        let block = scan.block;
+        let definition = &scan.definition;
+        let block = &scan.block;
         let reading = self.settings.sense[definition.channel()].reading(block.sum, block.count, block.saturated);
         let mut place = [0; SCAN_AXES];
         for (axis, place) in definition.axes().iter().zip(&mut place) {
@@ -131,10 +131,11 @@ impl Front {
         scan.note(reading, place);
         memory.samples.push((place[0], reading.level()));
         scan.index += 1;
+        let definition = &scan.definition;
         let climbs = definition.kind == Kind::Hill;
         // by where it was sent, not by where the nearest step is: nothing may add up
         let goes_on = if climbs {
-            scan.climb.measured(&definition, reading.level())
+            scan.climb.measured(definition, reading.level())
         } else {
             scan.index < definition.values[NUMBER]
         };
