@@ -351,7 +351,7 @@ fn a_link_that_closes_or_is_cleared_does_not_end_a_scan() {
         for _ in 0..segments {
             board.step(|_| ());
             let off = (board.twin().true_pose()[0] - 1500.0) / 5000.0;
-            let code = (10f64.powf(-0.434_294_48 * off * off) / 3.3 * 32760.0) as u16;
+            let code = ((-off * off).exp() / 3.3 * 32760.0) as u16;
             board.set_power([code, code]);
             links.poll(&mut board.front, 0);
         }
