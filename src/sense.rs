@@ -26,6 +26,8 @@ pub const DARK: i32 = -200 * DB;
 pub const BRIGHT: i32 = 200 * DB;
 /// Most samples of a mean.
 pub const AVERAGE_MAX: u16 = 256;
+/// Samples of a mean unless told otherwise.
+pub const AVERAGE_DEFAULT: u16 = 16;
 /// Longest delay of a meter, ns.
 pub const DELAY_MAX_NS: u32 = 100_000_000;
 /// Most that a linear meter may mean by a volt, pW: 1 kW.
@@ -60,7 +62,13 @@ pub struct SenseSettings {
 impl Default for SenseSettings {
     /// A meter of 1 mW per V.
     fn default() -> Self {
-        SenseSettings { input: Input::Linear(1_000_000_000), range: None, delay_ns: 0, average: 16, watts: false }
+        SenseSettings {
+            input: Input::Linear(1_000_000_000),
+            range: None,
+            delay_ns: 0,
+            average: AVERAGE_DEFAULT,
+            watts: false,
+        }
     }
 }
 
@@ -80,6 +88,7 @@ pub enum Reading {
 
 impl Reading {
     /// As a level: what is out of range counts as the end of it.
+    #[inline(never)]
     pub fn level(self) -> i32 {
         match self {
             Reading::Level(level) => level,
@@ -152,9 +161,10 @@ impl SenseSettings {
     }
 
     /// What a mean of `count` samples says. `saturated`: one of them was at full scale.
+    #[inline(never)]
     pub fn reading(&self, sum: u32, count: u16, saturated: bool) -> Reading {
         let level = self.level(sum, count);
-        if saturated || self.range.is_some_and(|range| level > range.saturating_mul(1000)) {
+        if saturated || self.range.is_some_and(|range| level > range.wrapping_mul(1000)) {
             Reading::High
         } else if sum < u32::from(count) * u32::from(CONVERSIONS) {
             Reading::Low
@@ -163,17 +173,12 @@ impl SenseSettings {
         }
     }
 
-    /// Level of full scale, thousandths of a dBm.
-    pub fn full_scale(&self) -> i32 {
-        (self.level(FULL_SCALE.into(), 1) + 500).div_euclid(1000)
-    }
-
     /// Least and largest power that the range may be: the level of one step of a conversion, and that of full scale,
     /// thousandths of a dBm.
+    #[inline(never)]
     pub fn ranges(&self) -> (i32, i32) {
-        let least = (self.level(CONVERSIONS.into(), 1) + 500).div_euclid(1000);
-        let most = self.full_scale();
-        (least.min(most), least.max(most))
+        let [least, most] = [CONVERSIONS, FULL_SCALE].map(|code| (self.level(code.into(), 1) + 500).div_euclid(1000));
+        (least, most.max(least))
     }
 
     /// What `*RST` sets.

@@ -27,7 +27,7 @@ impl Record {
 }
 
 /// A record as it is told.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Told {
     /// Tick of the sample, us.
     pub tick: u64,
@@ -35,18 +35,6 @@ pub struct Told {
     pub counts: [i32; AXES],
     /// Sums of conversions.
     pub power: [u16; POWER_INPUTS],
-}
-
-impl Told {
-    /// Its bytes in a block.
-    pub fn packed(&self) -> [u8; PACKED] {
-        let mut bytes = [0; PACKED];
-        let parts = self.tick.to_le_bytes().into_iter();
-        let parts = parts.chain(self.counts.iter().flat_map(|count| count.to_le_bytes()));
-        let parts = parts.chain(self.power.iter().flat_map(|power| power.to_le_bytes()));
-        bytes.iter_mut().zip(parts).for_each(|(to, from)| *to = from);
-        bytes
-    }
 }
 
 /// Which samples are recorded.

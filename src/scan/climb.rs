@@ -1,6 +1,6 @@
 //! A climb: steps along one axis after the other as long as they gain, then smaller ones.
 
-use super::{Definition, SCAN_AXES};
+use super::{Definition, LEAST, NUMBER, RANGE, SCAN_AXES};
 
 /// Measurements after which a climb is content with what it has.
 const MOST: u16 = 2000;
@@ -14,7 +14,7 @@ pub struct Climb {
     pub level: i32,
     /// Bit n: axis n came to the best point downwards.
     pub downwards: u8,
-    /// The present step.
+    /// The present step, to begin with the first one.
     pub step: i32,
     axis: u8,
     down: bool,
@@ -30,12 +30,23 @@ pub struct Climb {
 }
 
 impl Climb {
-    /// Begins where the stage stands.
-    pub fn new(definition: &Definition) -> Self {
-        Climb { step: definition.step, ..Climb::default() }
-    }
+    /// None; all bytes are zero.
+    pub const NONE: Climb = Climb {
+        best: [0; SCAN_AXES],
+        level: 0,
+        downwards: 0,
+        step: 0,
+        axis: 0,
+        down: false,
+        tries: 0,
+        rising: false,
+        gained: false,
+        measured: 0,
+        here: [0; SCAN_AXES],
+    };
 
     /// The level at [`Climb::here`]; the next point in `here`, or false: the climb has ended.
+    #[inline(never)]
     pub fn measured(&mut self, definition: &Definition, level: i32) -> bool {
         let first = self.measured == 0;
         self.measured += 1;
@@ -55,8 +66,8 @@ impl Climb {
             let way = i64::from(self.step) * i64::from(self.tries) * if self.down { -1 } else { 1 };
             let axis = usize::from(self.axis);
             let to = self.best.get(axis).map_or(0, |best| i64::from(*best) + way);
-            let within = 2 * to.abs() <= i64::from(definition.range[0]);
-            if self.tries <= definition.number && within {
+            let within = 2 * to.abs() <= i64::from(definition.values[RANGE]);
+            if i32::from(self.tries) <= definition.values[NUMBER] && within {
                 self.here = self.best;
                 if let Some(place) = self.here.get_mut(axis) {
                     *place = to as i32;
@@ -76,10 +87,10 @@ impl Climb {
             }
             self.axis = 0;
             if !core::mem::take(&mut self.gained) {
-                if self.step <= definition.least {
+                if self.step <= definition.values[LEAST] {
                     return false;
                 }
-                self.step = (self.step / 2).max(definition.least);
+                self.step = (self.step / 2).max(definition.values[LEAST]);
             }
         }
     }
@@ -87,18 +98,15 @@ impl Climb {
 
 #[cfg(test)]
 mod tests {
+    use super::super::STEP;
     use super::*;
 
     fn climb(patience: u16, power: impl Fn([i32; 3]) -> i32) -> (Climb, u32) {
-        let definition = Definition {
-            count: 2,
-            range: [40_000, 0],
-            step: 1_000,
-            least: 50,
-            number: patience,
-            ..Definition::default()
-        };
-        let mut climb = Climb::new(&definition);
+        let mut definition = Definition { count: 2, ..Definition::default() };
+        for (slot, value) in [(RANGE, 40_000), (STEP, 1_000), (LEAST, 50), (NUMBER, patience.into())] {
+            definition.values[slot] = value;
+        }
+        let mut climb = Climb { step: definition.values[STEP], ..Climb::NONE };
         let mut count = 1;
         while climb.measured(&definition, power(climb.here)) {
             count += 1;

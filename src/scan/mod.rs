@@ -2,6 +2,7 @@
 
 pub mod climb;
 pub mod peak;
+pub mod real;
 pub mod samples;
 
 use crate::sense::DARK;
@@ -16,9 +17,9 @@ pub const LINES: usize = 64;
 /// Most turns of a spiral.
 pub const TURNS: i32 = 64;
 /// Most points of a parabola.
-pub const POINTS: i64 = 101;
+pub const POINTS: i32 = 101;
 /// Most steps without gain in a climb.
-pub const PATIENCE: i64 = 100;
+pub const PATIENCE: i32 = 100;
 
 /// Kinds of scans.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,113 +37,110 @@ pub enum Kind {
     Parabola,
 }
 
-/// What a scan does in the end.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum End {
+/// What a scan does in the end; values of [`END`].
+pub mod end {
     /// Goes to the peak.
-    #[default]
-    Peak,
+    pub const PEAK: i32 = 0;
     /// Stays.
-    Stay,
+    pub const STAY: i32 = 1;
     /// Goes back to where it began.
-    Start,
+    pub const START: i32 = 2;
     /// Stops where the power first reaches the threshold.
-    First,
+    pub const FIRST: i32 = 3;
 }
 
-/// A scan as it was defined. Distances in nm or nrad.
+/// The power input, from 1.
+pub const CHANNEL: usize = 0;
+/// Whole way of the first axis, about where the scan begins, nm or nrad.
+pub const RANGE: usize = 1;
+/// The same of the second axis.
+pub const SECOND_RANGE: usize = 2;
+/// Way between two samples of a line, nm or nrad.
+pub const PITCH: usize = 3;
+/// Way between lines or turns; the first step of a climb; nm or nrad.
+pub const STEP: usize = 4;
+/// The last step of a climb, nm or nrad.
+pub const LEAST: usize = 5;
+/// Points of a parabola; steps without gain that a climb goes on.
+pub const NUMBER: usize = 6;
+/// Level that counts as light, thousandths of a dBm.
+pub const THRESHOLD: usize = 7;
+/// What it does in the end, see [`end`].
+pub const END: usize = 8;
+/// 1: it samples on the negative flank.
+pub const FLANK: usize = 9;
+/// Values of a definition.
+pub const VALUES: usize = 10;
+
+/// A scan as it was defined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Definition {
     /// There is one.
     pub defined: bool,
     /// What it is.
     pub kind: Kind,
-    /// The power input, from 0.
-    pub channel: u8,
     /// Axes, as indices; the first [`Definition::count`] of them.
     pub axes: [u8; SCAN_AXES],
     /// How many axes.
     pub count: u8,
-    /// Whole way of the first axis and of the second one, about where the scan begins.
-    pub range: [i32; 2],
-    /// Way between two samples of a line.
-    pub pitch: i32,
-    /// Way between lines, turns; the first step of a climb.
-    pub step: i32,
-    /// The last step of a climb.
-    pub least: i32,
-    /// Points of a parabola; steps without gain that a climb goes on.
-    pub number: u16,
-    /// Level that counts as light, thousandths of a dBm.
-    pub threshold: i32,
-    /// What it does in the end.
-    pub end: End,
-    /// It samples on the negative flank.
-    pub negative: bool,
+    /// Its values, by [`CHANNEL`] and the others.
+    pub values: [i32; VALUES],
 }
 
 impl Definition {
     /// None; all bytes are zero.
-    pub const NONE: Definition = Definition {
-        defined: false,
-        kind: Kind::Line,
-        channel: 0,
-        axes: [0; SCAN_AXES],
-        count: 0,
-        range: [0; 2],
-        pitch: 0,
-        step: 0,
-        least: 0,
-        number: 0,
-        threshold: 0,
-        end: End::Peak,
-        negative: false,
-    };
+    pub const NONE: Definition =
+        Definition { defined: false, kind: Kind::Line, axes: [0; SCAN_AXES], count: 0, values: [0; VALUES] };
 
-    /// The axes.
-    pub fn axes(&self) -> impl Iterator<Item = Axis> {
-        self.axes.into_iter().take(self.count.into()).filter_map(|i| Axis::from_index(i.into()))
+    /// The axes, as indices.
+    pub fn axes(&self) -> &[u8] {
+        self.axes.get(..usize::from(self.count)).unwrap_or(&[])
     }
 
     /// One of its axes.
     pub fn axis(&self, n: usize) -> Axis {
-        self.axes().nth(n).unwrap_or(Axis::X)
+        self.axes.get(n).and_then(|i| Axis::from_index((*i).into())).unwrap_or(Axis::X)
+    }
+
+    /// The power input, from 0.
+    pub fn channel(&self) -> usize {
+        (self.values[CHANNEL] - 1) as usize & 1
+    }
+
+    /// It samples on the negative flank.
+    pub fn is_negative(&self) -> bool {
+        self.values[FLANK] != 0
     }
 
     /// +1 or -1: the direction in which it samples.
-    pub fn sign(&self) -> i64 {
-        if self.negative { -1 } else { 1 }
+    pub fn sign(&self) -> i32 {
+        if self.is_negative() { -1 } else { 1 }
     }
 
     /// Legs that are sampled in motion: lines of a raster, sides of a spiral.
-    pub fn legs(&self) -> u16 {
+    pub fn legs(&self) -> i32 {
         match self.kind {
             Kind::Line => 1,
-            Kind::Raster => (self.range[1] / self.step.max(1)) as u16 + 1,
+            Kind::Raster => self.values[SECOND_RANGE].wrapping_div(self.values[STEP].max(1)) + 1,
             Kind::Spiral => self.turns() * 4 + 1,
             Kind::Hill | Kind::Parabola => 0,
         }
     }
 
     /// Turns of a spiral: it covers the range at least.
-    fn turns(&self) -> u16 {
-        (i64::from(self.range[0]) + 2 * i64::from(self.step) - 1).div_euclid(2 * i64::from(self.step.max(1))) as u16
+    pub fn turns(&self) -> i32 {
+        (self.values[RANGE] / 2).wrapping_div(self.values[STEP].max(1)) + 1
     }
 
     /// Where a side of a spiral begins, in steps of both axes: sides of 1, 1, 2, 2, 3, 3 ... steps.
-    pub fn corner(n: u16) -> [i64; 2] {
-        let (turn, side) = (i64::from(n / 4), n % 4);
-        match side {
+    pub fn corner(n: i32) -> [i32; 2] {
+        let turn = n / 4;
+        match n % 4 {
             0 => [-turn, -turn],
             1 => [turn + 1, -turn],
             2 => [turn + 1, turn + 1],
             _ => [-turn - 1, turn + 1],
         }
-    }
-
-    /// Farthest corner of a spiral, in steps.
-    pub fn outermost(&self) -> i64 {
-        i64::from(self.turns()) + 1
     }
 }
 

@@ -41,19 +41,25 @@ impl Samples {
         self.points.get(..usize::from(self.length)).unwrap_or(&[])
     }
 
+    /// The points, to be worked on.
+    pub fn points_mut(&mut self) -> &mut [Point] {
+        self.points.get_mut(..usize::from(self.length)).unwrap_or(&mut [])
+    }
+
     /// Samples of a point.
     pub fn joined(&self) -> u32 {
         self.more + 1
     }
 
     /// Adds a sample.
+    #[inline(never)]
     pub fn push(&mut self, (x, y): Point) {
         self.sum = (self.sum.0 + i64::from(x), self.sum.1 + i64::from(y));
         self.pending += 1;
         if self.pending <= self.more {
             return;
         }
-        let mean = |sum: i64| (sum.wrapping_div_euclid(i64::from(self.pending.max(1)))) as i32;
+        let mean = |sum: i64| sum.checked_div(self.pending.into()).unwrap_or(0) as i32;
         let point = (mean(self.sum.0), mean(self.sum.1));
         (self.pending, self.sum) = (0, (0, 0));
         if let Some(place) = self.points.get_mut(usize::from(self.length)) {
@@ -68,7 +74,8 @@ impl Samples {
     fn join(&mut self) {
         for n in 0..CAPACITY / 2 {
             let ((ax, ay), (bx, by)) = (self.points[2 * n], self.points[2 * n + 1]);
-            self.points[n] = (ax.midpoint(bx), ay.midpoint(by));
+            let mean = |a: i32, b: i32| (a >> 1) + (b >> 1) + (a & b & 1);
+            self.points[n] = (mean(ax, bx), mean(ay, by));
         }
         self.length = CAPACITY as u16 / 2;
         self.more = 2 * self.more + 1;

@@ -64,7 +64,8 @@ fn unit(entry: &Entry, axis: Axis) -> &'static str {
 fn axes(pattern: &str, range: &RangeInclusive<usize>) -> String {
     let (first, last) = (range.start() + 1, range.end() + 1);
     let number = if first == last { first.to_string() } else { format!("{first}…{last}") };
-    pattern.replace('#', &if (first, last) == (1, 6) { "<n>".to_owned() } else { number })
+    let all = if pattern.starts_with("SENS") { ((1, 2), "<ch>") } else { ((1, 6), "<n>") };
+    pattern.replace('#', &if (first, last) == all.0 { all.1.to_owned() } else { number })
 }
 
 /// The table of all settings.

@@ -22,11 +22,13 @@ pub struct Spot {
     pub bursts: (u64, f64),
     /// Samples by which the meter is late.
     pub late: usize,
+    /// An angle that the light depends on: index of the axis, where it is greatest and 1/e^2 half width, nrad.
+    pub tilt: Option<(usize, f64, f64)>,
 }
 
 impl Spot {
     pub fn new(at: [f64; 3]) -> Self {
-        Spot { at, width: [5000.0, 5000.0, 500_000.0], top: 0.0, noise: 0.003, bursts: (0, 0.0), late: 0 }
+        Spot { at, width: [5000.0, 5000.0, 500_000.0], top: 0.0, noise: 0.003, bursts: (0, 0.0), late: 0, tilt: None }
     }
 }
 
@@ -49,7 +51,9 @@ impl Bench {
         let mut board = Board::new(machine, power_up(machine, false).unwrap(), interleaving, seed);
         assert!(board.settle());
         let random = Seeded::new(seed ^ 0x11);
-        Bench { console: Console::new(board), spot, random, waiting: VecDeque::new(), samples: 0 }
+        let mut bench = Bench { console: Console::new(board), spot, random, waiting: VecDeque::new(), samples: 0 };
+        bench.run(20);
+        bench
     }
 
     fn normal(&mut self) -> f64 {
@@ -60,7 +64,8 @@ impl Bench {
     pub fn level(&self) -> f64 {
         let pose = self.console.board.twin().true_pose();
         let part = |i: usize| ((pose[i] - self.spot.at[i]) / self.spot.width[i]).powi(2);
-        self.spot.top - 4.342_944_819 * (part(0) + part(1) + part(2))
+        let tilt = self.spot.tilt.map_or(0.0, |(axis, at, width)| ((pose[axis] - at) / width).powi(2));
+        self.spot.top - 4.342_944_819 * (part(0) + part(1) + part(2) + tilt)
     }
 
     /// One segment; what is answered meanwhile.

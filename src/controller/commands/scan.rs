@@ -1,58 +1,80 @@
 //! Commands of scans.
 
-use super::sense::{NOT_A_NUMBER, level};
+use super::sense::{NOT_A_NUMBER, answer as answer_level};
 use crate::controller::front::Front;
 use crate::error::{Error, ErrorNumber};
 use crate::refill::border::POWER_INPUTS;
-use crate::scan::{Definition, End, Kind, LINES, PATIENCE, POINTS, SCAN_AXES, SCANS, TURNS};
+use crate::scan::{self, Definition, Kind, LINES, PATIENCE, POINTS, SCANS, TURNS};
 use crate::scpi::params::Params;
 use crate::scpi::parser::Call;
 use crate::scpi::response::Response;
 use crate::scpi::tree::Command as C;
-use crate::sense::{BRIGHT, DARK};
-use crate::units::decimal::Unit;
+use crate::sense::{BRIGHT, DARK, Reading};
+use crate::units::decimal::{Unit, axis_unit};
 use crate::units::{Axis, COORDINATE_LIMIT};
 
-/// A parameter of a definition.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Field {
-    Channel,
-    Axis(usize),
-    Axes,
-    Range(usize),
-    Pitch,
-    /// Of the axis with this place.
-    Step(usize),
-    Least,
-    Points,
-    Patience,
-    Threshold,
-    End,
-    Side,
-}
+/// Parameters that are no values: the first axis, the second one, a list of them.
+const AXIS: u8 = 10;
+const SECOND_AXIS: u8 = 11;
+const AXES: u8 = 12;
 
-use Field::*;
-
-/// Parameters behind the number, in their order; from [`Threshold`] on they may be missing.
-const fn fields(kind: Kind) -> &'static [Field] {
+/// Parameters behind the number, in their order; from the threshold on they may be missing.
+const fn fields(kind: Kind) -> &'static [u8] {
+    const CHANNEL: u8 = scan::CHANNEL as u8;
+    const RANGE: u8 = scan::RANGE as u8;
+    const SECOND_RANGE: u8 = scan::SECOND_RANGE as u8;
+    const PITCH: u8 = scan::PITCH as u8;
+    const STEP: u8 = scan::STEP as u8;
+    const LEAST: u8 = scan::LEAST as u8;
+    const NUMBER: u8 = scan::NUMBER as u8;
+    const THRESHOLD: u8 = scan::THRESHOLD as u8;
+    const END: u8 = scan::END as u8;
+    const FLANK: u8 = scan::FLANK as u8;
     match kind {
-        Kind::Line => &[Channel, Axis(0), Range(0), Pitch, Threshold, End, Side],
-        Kind::Raster => &[Channel, Axis(0), Axis(1), Range(0), Range(1), Pitch, Step(1), Threshold, End, Side],
-        Kind::Spiral => &[Channel, Axis(0), Axis(1), Range(0), Pitch, Step(0), Threshold, End],
-        Kind::Hill => &[Channel, Axes, Range(0), Step(0), Least, Patience, Threshold, End],
-        Kind::Parabola => &[Channel, Axis(0), Range(0), Points, Threshold, End, Side],
+        Kind::Line => &[CHANNEL, AXIS, RANGE, PITCH, THRESHOLD, END, FLANK],
+        Kind::Raster => &[CHANNEL, AXIS, SECOND_AXIS, RANGE, SECOND_RANGE, PITCH, STEP, THRESHOLD, END, FLANK],
+        Kind::Spiral => &[CHANNEL, AXIS, SECOND_AXIS, RANGE, PITCH, STEP, THRESHOLD, END],
+        Kind::Hill => &[CHANNEL, AXES, RANGE, STEP, LEAST, NUMBER, THRESHOLD, END],
+        Kind::Parabola => &[CHANNEL, AXIS, RANGE, NUMBER, THRESHOLD, END, FLANK],
     }
 }
 
-/// Words of the end action, in the order of [`ENDS`].
-const END_WORDS: [&str; 4] = ["PEAK", "STAY", "STARt", "FIRSt"];
-const ENDS: [End; 4] = [End::Peak, End::Stay, End::Start, End::First];
+/// Words of the end action, in the order of [`scan::end`].
+const ENDS: &[&str] = &["PEAK", "STAY", "STARt", "FIRSt"];
 /// Words of the flank on which is sampled.
-const SIDES: [&str; 2] = ["POSitive", "NEGative"];
+const FLANKS: &[&str] = &["POSitive", "NEGative"];
 /// Words of `SCAN:STATe?`, in the order of [`Front::scan_state`].
 const STATES: [&str; 5] = ["IDLE", "TRIG", "MOV", "SAMP", "STOP"];
-/// Largest range, nm or nrad.
-const RANGE_MAX: i64 = COORDINATE_LIMIT as i64;
+
+/// Unit of a value, its least and its most.
+#[inline(never)]
+fn bounds(own: &Definition, slot: usize) -> (Unit, i32, i32) {
+    // the step of a raster is one of its second axis
+    let across = slot == scan::SECOND_RANGE || slot == scan::STEP && own.kind == Kind::Raster;
+    let unit = axis_unit(own.axis(across.into()));
+    let [range, second] = [own.values[scan::RANGE], own.values[scan::SECOND_RANGE]];
+    match slot {
+        scan::CHANNEL => (Unit::COUNT, 1, POWER_INPUTS as i32),
+        scan::NUMBER if own.kind == Kind::Hill => (Unit::COUNT, 1, PATIENCE),
+        scan::NUMBER => (Unit::COUNT, 3, POINTS),
+        scan::THRESHOLD => (Unit::LEVEL, DARK / 1000, BRIGHT / 1000),
+        scan::LEAST => (unit, 1, own.values[scan::STEP]),
+        // no more lines or turns than there may be
+        scan::STEP if own.kind == Kind::Raster => (unit, second / LINES as i32 + 1, second),
+        scan::STEP if own.kind == Kind::Spiral => (unit, range / (2 * TURNS) + 1, range),
+        scan::STEP => (unit, 1, range),
+        _ => (unit, 1, COORDINATE_LIMIT),
+    }
+}
+
+/// Words of a value that has some.
+fn words(slot: usize) -> Option<&'static [&'static str]> {
+    match slot {
+        scan::END => Some(ENDS),
+        scan::FLANK => Some(FLANKS),
+        _ => None,
+    }
+}
 
 /// Executes a command of scans.
 ///
@@ -60,6 +82,7 @@ const RANGE_MAX: i64 = COORDINATE_LIMIT as i64;
 /// Those of the table of commands.
 #[inline(never)]
 pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result<(), Error> {
+    let mut params = call.params;
     let kind = match call.command {
         C::ScanLine => Kind::Line,
         C::ScanRaster => Kind::Raster,
@@ -78,11 +101,10 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
             return Ok(());
         }
         _ => {
-            let id = number(&mut call.params.clone())?;
+            let id = number(&mut params)?;
             return if call.query { result(front, id, out) } else { front.start_scan(id) };
         }
     };
-    let mut params = call.params;
     let id = number(&mut params)?;
     if call.query {
         let definition = front.scan_definition(id)?;
@@ -93,9 +115,10 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
         fields(kind).iter().for_each(|field| answer(definition, *field, out));
         return Ok(());
     }
-    let mut definition = Definition { defined: true, kind, count: 1, threshold: DARK / 1000, ..Definition::default() };
+    let mut definition = Definition { defined: true, kind, count: 1, ..Definition::NONE };
+    definition.values[scan::THRESHOLD] = DARK / 1000;
     for field in fields(kind) {
-        if params.is_empty() && matches!(field, Threshold | End | Side) {
+        if params.is_empty() && (scan::THRESHOLD..scan::VALUES).contains(&usize::from(*field)) {
             break;
         }
         take(&mut definition, *field, &mut params)?;
@@ -110,120 +133,83 @@ fn number(params: &mut Params<'_>) -> Result<usize, Error> {
 
 /// Takes a parameter into a definition.
 #[inline(never)]
-fn take(to: &mut Definition, field: Field, params: &mut Params<'_>) -> Result<(), Error> {
+fn take(to: &mut Definition, field: u8, params: &mut Params<'_>) -> Result<(), Error> {
     let mut text = *params;
-    let own = |to: &Definition, n: usize| to.axis(n);
-    let mut span = |axis: Axis, least: i64, most: i64| {
-        let mut text = *params;
-        let value = params.coordinate(axis)?;
-        if (least..=most).contains(&i64::from(value)) {
-            return Ok(value);
-        }
-        Err(Error::token(ErrorNumber::DataOutOfRange, text.token()?))
-    };
-    let refused = |text: &mut Params<'_>, number| Err(Error::token(number, text.token()?));
-    match field {
-        Channel => to.channel = params.integer(1, POWER_INPUTS as i64)? as u8 - 1,
-        Axis(n) => {
-            let axis = params.integer(1, 6)? as u8 - 1;
-            // a spiral's step is one of both axes
-            let mixed = to.kind == Kind::Spiral && n == 1 && (axis >= 3) != (to.axes[0] >= 3);
-            if n > 0 && axis == to.axes[0] || mixed {
-                return refused(&mut text, ErrorNumber::SettingsConflict);
-            }
-            to.axes[n & 1] = axis;
-            to.count = n as u8 + 1;
-        }
-        Axes => {
-            let set = params.axis_list()?;
-            to.count = 0;
-            for axis in Axis::ALL.into_iter().filter(|axis| set.contains(*axis)) {
-                let mixed = to.count > 0 && axis.is_rotary() != own(to, 0).is_rotary();
-                let place = to.axes.get_mut(usize::from(to.count)).filter(|_| !mixed);
-                let Some(place) = place else { return refused(&mut text, ErrorNumber::SettingsConflict) };
-                *place = axis.index() as u8;
-                to.count += 1;
-            }
-        }
-        Range(n) => to.range[n & 1] = span(own(to, n), 1, RANGE_MAX)?,
-        Pitch => to.pitch = span(own(to, 0), 1, RANGE_MAX)?,
-        Step(n) => {
-            // no more lines or turns than there may be, no step beyond the range
-            let range = i64::from(to.range[n & 1]);
-            let least = match to.kind {
-                Kind::Raster => range / LINES as i64 + 1,
-                Kind::Spiral => (range + 2 * i64::from(TURNS) - 1) / (2 * i64::from(TURNS)),
-                _ => 1,
+    let axes = match field {
+        AXIS | SECOND_AXIS => 1u8 << ((params.integer(1, 6)? - 1) & 7),
+        AXES => params.axis_list()?.0,
+        _ => {
+            let slot = usize::from(field);
+            let value = match words(slot) {
+                Some(words) => params.choice(words)? as i32,
+                None => {
+                    let (unit, least, most) = bounds(to, slot);
+                    params.bounded(unit, least.into(), most.into())? as i32
+                }
             };
-            to.step = span(own(to, n), least, range.max(1))?;
-        }
-        Least => to.least = span(own(to, 0), 1, to.step.into())?,
-        Points => to.number = params.integer(3, POINTS)? as u16,
-        Patience => to.number = params.integer(1, PATIENCE)? as u16,
-        Threshold => {
-            let (least, most) = (i64::from(DARK / 1000), i64::from(BRIGHT / 1000));
-            let value = params.setting(|p| p.number(Unit::LEVEL))?.resolve(least, most, least);
-            if !(least..=most).contains(&value) {
-                return refused(&mut text, ErrorNumber::DataOutOfRange);
+            if let Some(place) = to.values.get_mut(slot) {
+                *place = value;
             }
-            to.threshold = value as i32;
+            return Ok(());
         }
-        End => to.end = ENDS[params.choice(&END_WORDS)? & 3],
-        Side => to.negative = params.choice(&SIDES)? == 1,
+    };
+    if field != SECOND_AXIS {
+        to.count = 0;
+    }
+    for axis in Axis::ALL.into_iter().filter(|axis| axes >> axis.index() & 1 != 0) {
+        // a step of a spiral or of a climb is one of all axes
+        let first = to.axis(0);
+        let mixed = to.kind != Kind::Raster && axis.is_rotary() != first.is_rotary() || axis == first;
+        let place = to.axes.get_mut(usize::from(to.count)).filter(|_| to.count == 0 || !mixed);
+        let Some(place) = place else { return Err(Error::token(ErrorNumber::SettingsConflict, text.token()?)) };
+        *place = axis.index() as u8;
+        to.count += 1;
     }
     Ok(())
 }
 
 /// Answers a parameter of a definition as it may be sent again.
-fn answer(own: &Definition, field: Field, out: &mut Response) {
-    let mut span = |n: usize, value: i32| out.axis_quantity(own.axis(n), value.into(), 0);
+#[inline(never)]
+fn answer(own: &Definition, field: u8, out: &mut Response) {
     match field {
-        Channel => out.integer(own.channel + 1),
-        Axis(n) => out.integer(own.axis(n).index() as i64 + 1),
-        Axes => {
-            const LIST: usize = 2 * SCAN_AXES + 2;
-            let mut list = *b"(@1,1,1)";
-            for (place, axis) in list.iter_mut().skip(2).step_by(2).zip(own.axes()) {
-                *place = b'1' + axis.index() as u8;
+        AXIS | SECOND_AXIS => out.integer(own.axis((field - AXIS).into()).index() as i64 + 1),
+        AXES => {
+            out.text("(@");
+            let mut between: &[u8] = b"";
+            for axis in own.axes() {
+                out.raw(between);
+                out.raw(&[b'1' + axis]);
+                between = b",";
             }
-            let end = (2 * usize::from(own.count) + 1).min(LIST - 1);
-            list[end] = b')';
-            out.text(list.get(..=end).and_then(|list| core::str::from_utf8(list).ok()).unwrap_or(""));
+            out.raw(b")");
         }
-        Range(n) => span(n, own.range[n & 1]),
-        Pitch => span(0, own.pitch),
-        Step(n) => span(n, own.step),
-        Least => span(0, own.least),
-        Points | Patience => out.integer(own.number),
-        Threshold => out.quantity(own.threshold.into(), Unit::LEVEL),
-        End => out.short_form(ENDS.iter().position(|end| *end == own.end).map_or("", |n| END_WORDS[n & 3])),
-        Side => out.short_form(SIDES[usize::from(own.negative)]),
+        _ => {
+            let slot = usize::from(field);
+            let value = own.values.get(slot).copied().unwrap_or(0);
+            match words(slot) {
+                Some(words) => out.short_form(words.get(value as usize).unwrap_or(&"")),
+                None => out.quantity(value.into(), bounds(own, slot).0),
+            }
+        }
     }
 }
 
+#[inline(never)]
 fn result(front: &Front, id: usize, out: &mut Response) -> Result<(), Error> {
-    let outcome = front.scan_outcome(id)?;
     let definition = front.scan_definition(id)?;
+    let (outcome, stands) = front.scan_outcome(id)?;
     out.integer(outcome.status);
     out.integer(outcome.samples);
     let known = outcome.samples > 0 && outcome.has_position();
-    if known {
-        level(outcome.level, out)
-    } else {
-        out.text(NOT_A_NUMBER)
-    }
-    for (n, axis) in definition.axes().enumerate() {
-        let i = axis.index();
-        if known {
-            out.axis_quantity(axis, outcome.position[i].into(), 0)
-        } else {
-            out.text(NOT_A_NUMBER)
+    let reading = if outcome.level >= BRIGHT { Reading::High } else { Reading::Level(outcome.level) };
+    answer_level(known.then_some(reading), out);
+    for (n, i) in definition.axes().iter().enumerate() {
+        let of = |all: &[i32]| all.get(usize::from(*i)).copied().unwrap_or(0);
+        let sigma = outcome.sigma.get(n).copied().unwrap_or(0) as i32;
+        let values = [(of(&outcome.position), known), (sigma, known && sigma > 0), (of(&stands.0), true)];
+        for (value, known) in values {
+            if known { out.axis_quantity(definition.axis(n), value.into(), 0) } else { out.text(NOT_A_NUMBER) }
         }
-        match outcome.sigma.get(n) {
-            Some(sigma) if *sigma > 0 && known => out.axis_quantity(axis, (*sigma).into(), 0),
-            _ => out.text(NOT_A_NUMBER),
-        }
-        out.axis_quantity(axis, outcome.ended[i].into(), 0);
     }
     Ok(())
 }

@@ -8,20 +8,18 @@ use crate::scpi::parser::Call;
 use crate::scpi::response::Response;
 use crate::scpi::session::Flow;
 use crate::scpi::tree::Command as C;
-use crate::sense::{AVERAGE_MAX, BRIGHT, DARK, DELAY_MAX_NS, GAIN_MAX, Input, Reading, SLOPE_MAX, femtowatts};
+use crate::sense::{
+    AVERAGE_DEFAULT, AVERAGE_MAX, BRIGHT, DARK, DELAY_MAX_NS, GAIN_MAX, Input, Reading, SLOPE_MAX, femtowatts,
+};
 use crate::units::decimal::Unit;
+use core::task::Poll;
 
 /// Words of SCALe.
 const SCALES: [&str; 2] = ["LOGarithmic", "LINear"];
 /// Words of INPut.
 const INPUTS: [&str; 2] = ["LINear", "LOGarithmic"];
-/// What SCPI answers for what is not a number (SCPI-99 volume 1, 7.2.1).
+/// The answer for what is not known.
 pub(super) const NOT_A_NUMBER: &str = "9.91E37";
-
-/// Millionths of a dB as an answer in dB.
-pub(super) fn level(level: i32, out: &mut Response) {
-    out.quantity(i64::from(level).saturating_add(500).div_euclid(1000), Unit::LEVEL);
-}
 
 /// Executes a command of a power input.
 ///
@@ -33,62 +31,64 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
     if channel >= POWER_INPUTS {
         return Err(ErrorNumber::HeaderSuffixOutOfRange.into());
     }
-    let mut all = front.settings().sense;
-    let own = &mut all[channel & 1];
-    let setting = |kind, now: i64, least: i64, most: i64, default: i64| Setting { kind, now, least, most, default };
-    match call.command {
-        C::SensePower => return Ok(power(front, channel, out)),
-        C::SenseInput => {
-            if call.query {
-                input_answer(own.input, out);
-                return Ok(Flow::Done);
-            }
-            own.input = input(call)?;
-            // the power at full scale is another one
-            own.range = None;
-        }
-        C::SenseRange => {
-            let (least, most) = own.ranges();
-            let now = own.range.unwrap_or(most);
-            let setting = setting(Kind::Number(Unit::LEVEL), now.into(), least.into(), most.into(), most.into());
-            let Some(value) = setting.access(call, out)? else { return Ok(Flow::Done) };
-            own.range = Some(value as i32).filter(|range| *range != most);
-        }
-        C::SenseAverage => {
-            let setting = setting(Kind::Number(Unit::COUNT), own.average.into(), 1, AVERAGE_MAX.into(), 16);
-            let Some(value) = setting.access(call, out)? else { return Ok(Flow::Done) };
-            own.average = value as u16;
-        }
-        C::SenseScale => {
-            let Some(value) = setting(Kind::Words(&SCALES), own.watts.into(), 0, 1, 0).access(call, out)? else {
-                return Ok(Flow::Done);
-            };
-            own.watts = value != 0;
-        }
-        _ => {
-            let setting = setting(Kind::Number(Unit::TIME), own.delay_ns.into(), 0, DELAY_MAX_NS.into(), 0);
-            let Some(value) = setting.access(call, out)? else { return Ok(Flow::Done) };
-            own.delay_ns = value as u32;
-        }
+    if call.command == C::SensePower {
+        return Ok(power(front, channel, out));
     }
-    front.set_sense(all)?;
-    Ok(Flow::Done)
+    let mut own = *front.sense_settings(channel);
+    if call.command == C::SenseInput {
+        if call.query {
+            input_answer(own.input, out);
+            return Ok(Flow::Done);
+        }
+        own.input = input(call)?;
+        // the power at full scale is another one
+        own.range = None;
+        return front.set_sense(channel, &own).map(|()| Flow::Done);
+    }
+    let number = |unit, now, least, most, default| Setting { kind: Kind::Number(unit), now, least, most, default };
+    let (least, full) = own.ranges();
+    let setting = match call.command {
+        C::SenseRange => {
+            let now = own.range.unwrap_or(full);
+            number(Unit::LEVEL, now.into(), least.into(), full.into(), full.into())
+        }
+        C::SenseAverage => number(Unit::COUNT, own.average.into(), 1, AVERAGE_MAX.into(), AVERAGE_DEFAULT.into()),
+        C::SenseScale => Setting { kind: Kind::Words(&SCALES), now: own.watts.into(), least: 0, most: 1, default: 0 },
+        _ => number(Unit::TIME, own.delay_ns.into(), 0, DELAY_MAX_NS.into(), 0),
+    };
+    let Some(value) = setting.access(call, out)? else { return Ok(Flow::Done) };
+    match call.command {
+        C::SenseRange => own.range = Some(value as i32).filter(|range| *range != full),
+        C::SenseAverage => own.average = value as u16,
+        C::SenseScale => own.watts = value != 0,
+        _ => own.delay_ns = value as u32,
+    }
+    front.set_sense(channel, &own).map(|()| Flow::Done)
 }
 
 /// The mean of the latest samples; waits at rest until they are of where the stage stands.
 fn power(front: &mut Front, channel: usize, out: &mut Response) -> Flow {
-    let settings = front.sense_settings(channel);
+    let watts = front.sense_settings(channel).watts;
     match front.read_power(channel) {
-        Err(()) => return Flow::Wait,
-        Ok(None) => out.text(NOT_A_NUMBER),
-        Ok(Some((_, _, Reading::High))) => out.text("9.9E37"),
-        Ok(Some((_, _, Reading::Low))) => out.text("-9.9E37"),
-        Ok(Some((_, _, Reading::Level(value)))) if settings.watts => {
-            out.fraction(false, femtowatts(value).into(), 15);
-        }
-        Ok(Some((_, _, Reading::Level(value)))) => level(value, out),
+        Poll::Pending => return Flow::Wait,
+        Poll::Ready(Some(Reading::Level(value))) if watts => out.fraction(false, femtowatts(value).into(), 15),
+        Poll::Ready(reading) => answer(reading, out),
     }
     Flow::Done
+}
+
+/// A level in dBm, or what SCPI answers for what is none (SCPI-99 volume 1, 7.2.1).
+#[inline(never)]
+pub(super) fn answer(reading: Option<Reading>, out: &mut Response) {
+    match reading {
+        None => out.text(NOT_A_NUMBER),
+        Some(Reading::High) => out.text("9.9E37"),
+        Some(Reading::Low) => out.text("-9.9E37"),
+        Some(Reading::Level(value)) => {
+            // millionths of a dB, answered in thousandths
+            out.quantity(i64::from(value.saturating_add(500).div_euclid(1000)), Unit::LEVEL);
+        }
+    }
 }
 
 fn input(call: &Call<'_>) -> Result<Input, Error> {

@@ -1,15 +1,14 @@
 //! Commands of recordings and of the trigger.
 
-use super::sense::level;
+use super::sense::answer;
 use super::setting::{Kind, Setting};
 use crate::controller::front::{Format, Front, Trigger};
-use crate::error::{Error, ErrorNumber};
-use crate::refill::border::POWER_INPUTS;
+use crate::error::Error;
 use crate::scpi::parser::Call;
 use crate::scpi::response::Response;
 use crate::scpi::session::Flow;
 use crate::scpi::tree::Command as C;
-use crate::sense::{FULL_SCALE, Reading};
+use crate::sense::FULL_SCALE;
 use crate::trace::{PACKED, PACKED_MOST, RECORDS, Source, Told};
 
 const SOURCES: [&str; 2] = ["SAMPle", "SCAN"];
@@ -40,18 +39,17 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
         C::TraceArm => front.arm_trace()?,
         C::TracePoints => out.integer(front.trace().points()),
         C::TraceData => return data(front, call, out),
-        C::Format => {
-            let now = i64::from(front.format() == Format::Packed);
-            let setting = Setting { kind: Kind::Words(&FORMATS), now, least: 0, most: 1, default: 0 };
-            if let Some(value) = setting.access(call, out)? {
-                front.set_format(if value == 0 { Format::Ascii } else { Format::Packed });
-            }
-        }
-        C::TriggerSource => {
-            let now = i64::from(front.trigger_source() == Trigger::Bus);
-            let setting = Setting { kind: Kind::Words(&TRIGGERS), now, least: 0, most: 1, default: 0 };
-            if let Some(value) = setting.access(call, out)? {
-                front.set_trigger_source(if value == 0 { Trigger::Immediate } else { Trigger::Bus });
+        C::Format | C::TriggerSource => {
+            let format = call.command == C::Format;
+            let (words, now): (&'static [_], _) = match format {
+                true => (&FORMATS, front.format() == Format::Packed),
+                false => (&TRIGGERS, front.trigger_source() == Trigger::Bus),
+            };
+            let setting = Setting { kind: Kind::Words(words), now: now.into(), least: 0, most: 1, default: 0 };
+            match setting.access(call, out)? {
+                Some(value) if format => front.set_format([Format::Ascii, Format::Packed][value as usize & 1]),
+                Some(value) => front.set_trigger_source([Trigger::Immediate, Trigger::Bus][value as usize & 1]),
+                None => {}
             }
         }
         _ => front.trigger()?,
@@ -60,41 +58,42 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
 }
 
 /// As many records a call as fit; the cursor counts those that are answered.
+#[inline(never)]
 fn data(front: &Front, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
     let mut params = call.params;
-    let first = params.integer(0, RECORDS as i64 - 1)?;
+    let first = params.integer(0, RECORDS as i64 - 1)? as u16;
     let packed = front.format() == Format::Packed;
-    let most = if packed { PACKED_MOST } else { RECORDS } as i64;
-    let mut text = params;
-    let count = params.integer(1, most)?;
-    let done = out.cursor();
-    if done == 0 && first + count > front.trace().points().into() {
-        return Err(Error::token(ErrorNumber::DataOutOfRange, text.token()?));
-    }
+    // as many as there are, and as fit a block
+    let there = i64::from(front.trace().points().saturating_sub(first));
+    let most = if packed { there.min(PACKED_MOST as i64) } else { there };
+    let done = out.cursor() as u16;
+    // what was promised is sent, though another recording may have begun meanwhile
+    let count = params.integer(1, if done == 0 { most } else { RECORDS as i64 })? as u16;
     if done == 0 && packed {
-        out.block_head(count as usize * PACKED);
+        out.block_head(usize::from(count) * PACKED);
     }
-    // one that was recorded anew meanwhile has none: what was promised is still sent
-    let none = Told { tick: 0, counts: [0; 6], power: [0; POWER_INPUTS] };
-    for n in i64::from(done)..count {
+    for n in done..count {
         if out.room() < TEXT {
-            out.resume_at(n as u32);
+            out.resume_at(n.into());
             return Ok(Flow::More);
         }
-        let record = front.trace_record((first + n) as u16).unwrap_or(none);
-        if packed { out.raw(&record.packed()) } else { write(front, &record, out) }
-    }
-    Ok(Flow::Done)
-}
-
-fn write(front: &Front, record: &Told, out: &mut Response) {
-    out.integer(i64::try_from(record.tick).unwrap_or(i64::MAX));
-    record.counts.iter().for_each(|count| out.integer(*count));
-    for (n, code) in record.power.iter().enumerate() {
-        match front.sense_settings(n).reading((*code).into(), 1, *code >= FULL_SCALE) {
-            Reading::Level(value) => level(value, out),
-            Reading::High => out.text("9.9E37"),
-            Reading::Low => out.text("-9.9E37"),
+        let Told { tick, counts, power } = front.trace_record(first + n);
+        if packed {
+            out.raw(&tick.to_le_bytes());
+        } else {
+            out.integer(tick as i64);
+        }
+        for count in counts {
+            if packed { out.raw(&count.to_le_bytes()) } else { out.integer(count) }
+        }
+        for (channel, code) in power.into_iter().enumerate() {
+            if packed {
+                out.raw(&code.to_le_bytes());
+            } else {
+                let settings = front.sense_settings(channel);
+                answer(Some(settings.reading(code.into(), 1, code >= FULL_SCALE)), out);
+            }
         }
     }
+    Ok(Flow::Done)
 }

@@ -1,5 +1,6 @@
 //! The memory of samples, scans and recordings, apart from the front: a board lends it, a desktop has it in the front.
 
+use super::scan::Scan;
 use crate::refill::border::POWER_INPUTS;
 use crate::scan::samples::{Point, Samples};
 use crate::scan::{Definition, LINES, Outcome, SCANS};
@@ -33,6 +34,8 @@ pub struct LightMemory {
     pub latest: [[u16; POWER_INPUTS]; AVERAGE_MAX as usize],
     /// Scans.
     pub kept: [Kept; SCANS],
+    /// The scan that runs or has been stopped.
+    pub(super) scan: Scan,
     /// Samples of a line.
     pub samples: Samples,
     /// Peaks of the lines of a raster: place of the line and level.
@@ -54,6 +57,7 @@ impl LightMemory {
             records: [Record::EMPTY; RECORDS],
             latest: [[0; POWER_INPUTS]; AVERAGE_MAX as usize],
             kept: [Kept { definition: Definition::NONE, outcome: Outcome::NONE }; SCANS],
+            scan: Scan::NONE,
             samples: Samples::new(),
             lines: [(0, 0); LINES],
             peaks: [LinePeak { x: 0, sigma: 0 }; LINES],
@@ -94,5 +98,17 @@ impl Lent {
 
     pub fn get_mut(&mut self) -> Option<&mut LightMemory> {
         Some(&mut self.0)
+    }
+}
+
+impl Lent {
+    /// The scan that runs or has been stopped.
+    pub fn scan(&self) -> Option<&Scan> {
+        self.get().map(|memory| &memory.scan).filter(|scan| scan.is_there())
+    }
+
+    /// The same, to be changed.
+    pub fn scan_mut(&mut self) -> Option<&mut Scan> {
+        self.get_mut().map(|memory| &mut memory.scan).filter(|scan| scan.is_there())
     }
 }

@@ -27,7 +27,6 @@ pub use light::LightMemory;
 use orders::{Waiting, WaitingOrder};
 pub use safety::Health;
 use safety::{EmergencyStop, Events};
-use scan::Scan;
 use sense::Sense;
 pub use sense::{Format, Trigger};
 use storage::Storage;
@@ -121,7 +120,6 @@ pub struct Front {
     late_error: Option<Error>,
     report: Report,
     sense: Sense,
-    scan: Option<Scan>,
     events: Events,
     storage: Storage,
     pivots: [Option<[i32; 3]>; PIVOTS],
@@ -139,7 +137,7 @@ pub struct Front {
 }
 
 // Most of it is the planner's slots. It lives in static memory, of which the board has 64 KB for everything.
-const _: () = assert!(size_of::<Front>() - size_of::<Lent>() <= 23 * 1024);
+const _: () = assert!(size_of::<Front>() - size_of::<Lent>() <= 22 * 1024);
 // Beside it, for what is seen of the light.
 const _: () = assert!(size_of::<LightMemory>() <= 39 * 1024);
 
@@ -193,7 +191,6 @@ impl Front {
             // lines that are pulled up, until they are known
             report: Report { settled: true, inputs: Inputs { fault: 0x3f, ..Inputs::default() }, ..Report::default() },
             sense: Sense::default(),
-            scan: None,
             light: Lent::default(),
             sequence: 0,
             lead: LEAD,

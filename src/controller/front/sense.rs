@@ -5,9 +5,10 @@ use super::LightMemory;
 use super::{Abort, Front};
 use crate::error::{Error, ErrorNumber};
 use crate::refill::border::{POWER_INPUTS, Sample};
-use crate::sense::{FULL_SCALE, Reading, SenseInputs, SenseSettings};
+use crate::sense::{FULL_SCALE, Reading, SenseSettings};
 use crate::trace::{Record, Source, State, Told, Trace};
 use crate::units::SEGMENT_NS;
+use core::task::Poll;
 
 /// Samples that may be late: what is asked at rest waits for no older ones.
 const RECENT: u64 = 64;
@@ -90,38 +91,36 @@ impl Front {
         self.sense.latest.as_ref()
     }
 
-    /// Settings of an input.
-    pub fn sense_settings(&self, channel: usize) -> SenseSettings {
-        self.settings.sense.get(channel).copied().unwrap_or_default()
+    /// Settings of an input, 0 or 1.
+    pub fn sense_settings(&self, channel: usize) -> &SenseSettings {
+        &self.settings.sense[channel & 1]
     }
 
-    /// Puts settings of the inputs in force.
+    /// Puts settings of an input, 0 or 1, in force.
     ///
     /// # Errors
     /// -213 while a scan runs.
-    pub fn set_sense(&mut self, sense: SenseInputs) -> Result<(), Error> {
+    pub fn set_sense(&mut self, channel: usize, settings: &SenseSettings) -> Result<(), Error> {
         self.not_scanning()?;
-        self.settings.sense = sense;
+        self.settings.sense[channel & 1] = *settings;
         Ok(())
     }
 
     /// Mean of the latest samples of an input: none before the first one. At rest those alone count that were taken since
-    /// the motors stand and the meter has followed: `Err(())` until there are enough of them.
-    pub fn read_power(&mut self, channel: usize) -> Result<Option<(u32, u16, Reading)>, ()> {
+    /// the motors stand and the meter has followed: pending until there are enough of them.
+    pub fn read_power(&mut self, channel: usize) -> Poll<Option<Reading>> {
         self.sense.watched |= 1 << (channel & 7);
-        let settings = self.sense_settings(channel);
-        let Some(latest) = self.sense.latest else { return Ok(None) };
+        let settings = &self.settings.sense[channel & 1];
+        let Some(latest) = self.sense.latest else { return Poll::Ready(None) };
         let comes = self.report.played.saturating_sub(latest.played) < RECENT && !self.is_stopped();
         if comes && !self.is_moving() && self.abort == Abort::None {
-            let wanted = u64::from(settings.average) + late_segments(&settings);
+            let wanted = u64::from(settings.average) + late_segments(settings);
             if u64::from(self.sense.still) < wanted {
-                return Err(());
+                return Poll::Pending;
             }
         }
-        Ok(self.mean(channel, settings.average).map(|(sum, count, saturated)| {
-            let reading = settings.reading(sum, count, saturated);
-            (sum, count, reading)
-        }))
+        let mean = self.mean(channel, settings.average);
+        Poll::Ready(mean.map(|(sum, count, saturated)| settings.reading(sum, count, saturated)))
     }
 
     /// Sum of the latest samples of an input, how many they are, and whether one of them is saturated.
@@ -194,10 +193,9 @@ impl Front {
         Ok(())
     }
 
-    /// A record.
-    pub fn trace_record(&self, n: u16) -> Option<Told> {
-        let memory = self.light.get()?;
-        self.sense.trace.told(&memory.records, n)
+    /// A record; zeros where there is none.
+    pub fn trace_record(&self, n: u16) -> Told {
+        self.light.get().and_then(|memory| self.sense.trace.told(&memory.records, n)).unwrap_or_default()
     }
 
     /// `*TRG`: begins what waits for it.

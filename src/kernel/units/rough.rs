@@ -230,6 +230,11 @@ impl Rough {
         if below.mantissa == 0 { below } else { below.plus_up(Rough::down(3, -below.exponent - 12)) }
     }
 
+    /// Bits of its whole part, or minus the zeros behind its point; of zero: 0.
+    pub const fn magnitude(self) -> i32 {
+        if self.mantissa == 0 { 0 } else { self.exponent + 32 }
+    }
+
     /// Rounded down, in 128 bits; none where it has more than `most`, at least 32.
     pub const fn wide_floor(self, most: u32) -> Option<u128> {
         match self.exponent {

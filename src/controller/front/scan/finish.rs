@@ -3,58 +3,53 @@
 use super::{Next, Phase};
 use crate::controller::front::light::LinePeak;
 use crate::controller::front::{Front, LightMemory};
-use crate::error::{Error, ErrorNumber};
 use crate::scan::peak::{self, Peak};
-use crate::scan::{End, Kind, SCAN_AXES, status};
+use crate::scan::real::Real;
+use crate::scan::{END, Kind, SCAN_AXES, STEP, end, status};
 use crate::sense::DARK;
-use crate::units::wide;
 
 impl Front {
     /// All samples of a leg are there.
+    #[inline(never)]
     pub(super) fn leg_done(&mut self) {
-        let Some(scan) = &mut self.scan else { return };
-        let definition = scan.definition;
-        match definition.kind {
-            Kind::Line => return self.line_found(),
-            Kind::Raster => {
-                let peak = self.line_peak();
-                let (Some(scan), Some(memory)) = (&mut self.scan, self.light.get_mut()) else { return };
-                if let Some(peak) = peak.filter(|peak| !peak.edge) {
-                    let n = usize::from(scan.lines);
-                    if let (Some(line), Some(place)) = (memory.lines.get_mut(n), memory.peaks.get_mut(n)) {
-                        *line = (scan.leg.beside as i32, peak.level);
-                        *place = LinePeak { x: peak.x, sigma: peak.sigma.unwrap_or(0) };
-                        scan.lines += 1;
-                    }
-                }
+        let Some(kind) = self.light.scan().map(|scan| scan.definition.kind) else { return };
+        let peak = if kind == Kind::Raster { self.line_peak() } else { None };
+        let Some(memory) = self.light.get_mut() else { return };
+        let scan = &mut memory.scan;
+        if let Some(peak) = peak.filter(|peak| !peak.edge) {
+            let n = usize::from(scan.lines);
+            if let (Some(line), Some(place)) = (memory.lines.get_mut(n), memory.peaks.get_mut(n)) {
+                *line = (scan.leg.beside, peak.level);
+                *place = LinePeak { x: peak.x, sigma: peak.sigma.unwrap_or(0) };
+                scan.lines += 1;
             }
-            _ => {}
         }
-        let Some(scan) = &mut self.scan else { return };
         scan.index += 1;
-        if scan.index < definition.legs() {
+        if scan.index < scan.definition.legs() {
             return self.begin_part();
         }
-        match definition.kind {
+        match kind {
+            Kind::Line => self.line_found(),
             Kind::Raster => self.raster_found(),
             _ => {
                 // the greatest sample: no better than the turns lie apart
-                let half = scan.definition.step.unsigned_abs() / 2;
                 let (level, place) = scan.best;
+                let half = scan.definition.values[STEP].unsigned_abs() / 2;
                 self.found(place, level, [half; SCAN_AXES]);
             }
         }
     }
 
     /// The peak of the line in memory, where the stage was when the light was seen.
-    fn line_peak(&self) -> Option<Peak> {
-        let scan = self.scan.as_ref()?;
-        let mut peak = peak::find(self.light.get()?.samples.points())?;
+    fn line_peak(&mut self) -> Option<Peak> {
+        let memory = self.light.get_mut()?;
+        let scan = &memory.scan;
+        let mut peak = peak::find(memory.samples.points_mut())?;
         if scan.leg.lag != 0 && scan.definition.kind != Kind::Parabola {
             // as fast as it really was
-            let delay = self.sense_settings(scan.definition.channel.into()).delay_ns;
+            let delay = self.settings.sense[scan.definition.channel()].delay_ns;
             let way = scan.block.way_in(delay).unwrap_or(scan.leg.lag);
-            peak.x = peak.x.saturating_add((scan.leg.lag - way) as i32);
+            peak.x = peak.x.saturating_add(scan.leg.lag - way);
         }
         Some(peak)
     }
@@ -68,14 +63,13 @@ impl Front {
     }
 
     fn peak_found(&mut self, place: [i32; SCAN_AXES], peak: &Peak, sigma: [u32; SCAN_AXES]) {
-        let Some(scan) = &mut self.scan else { return };
+        let Some(scan) = self.light.scan_mut() else { return };
         if peak.strays {
             scan.outcome.status |= status::OUTLIERS;
         }
         let dark = scan.best.0 <= DARK || scan.outcome.status & status::LIGHT == 0;
         if peak.edge && !dark && scan.outcome.status & status::SATURATED == 0 {
             scan.outcome.status |= status::EDGE;
-            (scan.outcome.level, scan.fails) = (scan.best.0, None);
             return self.fail_scan("no maximum within the range");
         }
         self.found(place, peak.level, sigma);
@@ -83,11 +77,10 @@ impl Front {
 
     /// All lines of a raster have been sampled: a parabola over their peaks, and a straight line through their places.
     fn raster_found(&mut self) {
-        let (Some(scan), Some(memory)) = (&self.scan, self.light.get()) else { return };
-        let count = usize::from(scan.lines);
-        let lines = memory.lines.get(..count).unwrap_or(&[]);
-        let Some(across) = peak::find(lines) else {
-            let dark = scan.outcome.status & status::LIGHT == 0;
+        let Some(memory) = self.light.get_mut() else { return };
+        let count = usize::from(memory.scan.lines);
+        let Some(across) = peak::find(memory.lines.get_mut(..count).unwrap_or(&mut [])) else {
+            let dark = memory.scan.outcome.status & status::LIGHT == 0;
             return self.fail_scan(if dark { NO_LIGHT } else { "fewer than three lines with a maximum" });
         };
         let (x, sigma) = along(memory, count, across.x);
@@ -96,15 +89,15 @@ impl Front {
 
     /// A climb has ended.
     pub(super) fn climbed(&mut self) {
-        let Some(scan) = &self.scan else { return };
+        let Some(scan) = self.light.scan() else { return };
         let (climb, step) = (scan.climb, scan.climb.step.unsigned_abs());
         self.found(climb.best, climb.level, [step; SCAN_AXES]);
     }
 
     /// The threshold was reached, and the scan ends there.
     pub(super) fn found_light(&mut self) {
-        let Some(scan) = &mut self.scan else { return };
-        let place = scan.first.unwrap_or_default();
+        let Some(scan) = self.light.scan_mut() else { return };
+        let place = scan.first;
         let level = scan.best.0;
         scan.outcome.status &= !status::SATURATED;
         self.found(place, level, [0; SCAN_AXES]);
@@ -112,15 +105,15 @@ impl Front {
 
     /// Something was found; whether it is light is still to be seen.
     fn found(&mut self, place: [i32; SCAN_AXES], level: i32, sigma: [u32; SCAN_AXES]) {
-        let Some(scan) = &mut self.scan else { return };
+        let Some(scan) = self.light.scan_mut() else { return };
         let light = scan.outcome.status & status::LIGHT != 0;
         if scan.outcome.status & status::SATURATED != 0 {
             return self.fail_scan("power saturated");
         }
-        if !light || level <= DARK || scan.definition.end == End::First && scan.first.is_none() {
+        if !light || level <= DARK {
             return self.fail_scan(NO_LIGHT);
         }
-        if scan.definition.end != End::First {
+        if scan.definition.values[END] != end::FIRST {
             scan.outcome.status |= status::PEAK;
         }
         (scan.outcome.level, scan.outcome.sigma) = (level, sigma);
@@ -130,8 +123,8 @@ impl Front {
 
     /// A scan that has found nothing goes back to where it began.
     pub(super) fn fail_scan(&mut self, why: &'static str) {
-        let Some(scan) = &mut self.scan else { return };
-        scan.fails = Some(Error::text(ErrorNumber::ScanFailed, why));
+        let Some(scan) = self.light.scan_mut() else { return };
+        scan.fails = Some(why);
         if scan.best.0 > i32::MIN {
             // the greatest sample, for whoever wants to look there again
             let (level, place) = scan.best;
@@ -143,33 +136,27 @@ impl Front {
 
     /// Goes to where the scan ends.
     pub(super) fn conclude(&mut self) {
-        let Some(scan) = &mut self.scan else { return };
+        let Some(scan) = self.light.scan_mut() else { return };
         scan.over = true;
-        scan.phase = Phase::Going(Next::Over);
-        scan.ways = Default::default();
-        let scan = *scan;
+        (scan.phase, scan.next) = (Phase::Going, Next::Over);
+        scan.ways = [None; super::WAYS];
+        let Some(scan) = self.light.scan() else { return };
         let definition = &scan.definition;
         let mut offsets = [0; SCAN_AXES];
-        let mut downwards = Self::sides(definition);
-        match (scan.fails, definition.end) {
-            (Some(_), _) | (None, End::Start) => {}
-            (None, End::Stay) => {
-                self.refresh();
-                return;
-            }
-            (None, End::Peak | End::First) => {
-                for (axis, offset) in definition.axes().zip(&mut offsets) {
-                    let i = axis.index();
-                    *offset = i64::from(scan.outcome.position[i]) - i64::from(scan.start.0[i]);
-                }
+        let mut downwards = u8::from(definition.is_negative());
+        match (scan.fails, definition.values[END]) {
+            (Some(_), _) | (None, end::START) => {}
+            (None, end::STAY) => return self.refresh(),
+            _ => {
+                offsets = scan.place;
                 if definition.kind == Kind::Hill {
                     downwards = scan.climb.downwards;
                 }
             }
         }
-        let before = Self::offset_pose(&scan, self.before(definition, offsets, downwards));
-        if let Some(running) = &mut self.scan {
-            running.ways = [Some(before), Some(Self::offset_pose(&scan, offsets)), None];
+        let ways = [self.before(scan, offsets, downwards), Some(Self::offset_pose(scan, offsets))];
+        if let Some(running) = self.light.scan_mut() {
+            running.ways = ways;
         }
         self.refresh();
     }
@@ -178,9 +165,8 @@ impl Front {
 impl super::Scan {
     /// Position of the result by offsets.
     fn set_position(&mut self, place: [i32; SCAN_AXES]) {
-        for (axis, offset) in self.definition.axes().zip(place) {
-            self.outcome.position[axis.index()] = self.start.0[axis.index()].saturating_add(offset);
-        }
+        self.place = place;
+        self.outcome.position = Front::offset_pose(self, place).0;
     }
 }
 
@@ -188,22 +174,21 @@ const NO_LIGHT: &str = "no light above the threshold";
 
 /// Where the peaks of lines lie on them at a place across: a straight line by least squares, with the uncertainty of the
 /// peak of the nearest line.
+#[inline(never)]
 fn along(memory: &LightMemory, count: usize, across: i32) -> (i32, u32) {
+    let whole = |x: i32| Real::whole(x.into());
     let pairs = || memory.lines.iter().zip(&memory.peaks).take(count).map(|(line, peak)| (line.0, peak));
-    let n = count.max(1) as i64;
-    let (mut sum_y, mut sum_x) = (0i64, 0i64);
-    for (y, peak) in pairs() {
-        (sum_y, sum_x) = (sum_y + i64::from(y), sum_x + i64::from(peak.x));
-    }
-    let (mean_y, mean_x) = (sum_y.wrapping_div(n), sum_x.wrapping_div(n));
-    let (mut squares, mut products) = (0i128, 0i128);
+    let mean = |sum: i64| Real::whole(sum).over(Real::whole(count as i64));
+    let mean_y = mean(pairs().map(|(y, _)| i64::from(y)).sum());
+    let mean_x = mean(pairs().map(|(_, peak)| i64::from(peak.x)).sum());
+    let (mut squares, mut products) = (Real::ZERO, Real::ZERO);
     let mut nearest = (u32::MAX, 0);
     for (y, peak) in pairs() {
-        let dy = i128::from(i64::from(y) - mean_y);
-        squares += dy * dy;
-        products += dy * i128::from(i64::from(peak.x) - mean_x);
+        let dy = whole(y).minus(mean_y);
+        squares = squares.plus(dy.times(dy));
+        products = products.plus(dy.times(whole(peak.x)));
         nearest = nearest.min((y.abs_diff(across), peak.sigma));
     }
-    let slope = wide::signed_div(products * i128::from(i64::from(across) - mean_y), squares.max(1));
-    ((mean_x + slope as i64).clamp(i32::MIN.into(), i32::MAX.into()) as i32, nearest.1)
+    let slope = products.over(squares);
+    (mean_x.plus(slope.times(whole(across).minus(mean_y))).rounded(), nearest.1)
 }

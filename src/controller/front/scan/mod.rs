@@ -23,15 +23,15 @@ use super::sense::{Trigger, late_segments};
 use super::{Abort, Front};
 use crate::error::{Error, ErrorNumber};
 use crate::scan::climb::Climb;
-use crate::scan::{Definition, Kind, Outcome, SCAN_AXES, SCANS, status};
-use crate::units::{Pose, SEGMENT_NS};
+use crate::scan::{Definition, Outcome, SCAN_AXES, SCANS, STEP, status};
+use crate::units::{AXES, Pose, SEGMENT_NS};
 use route::Leg;
 use sampling::Block;
 
 /// Segments beyond those of a mean after which samples are given up: a second.
 const PATIENCE: u64 = 1_000_000_000 / SEGMENT_NS;
-/// Ways of a route that may wait: past the play, to the begin, to the end.
-const WAYS: usize = 3;
+/// Ways of a route that may wait: past the play, and back through it.
+const WAYS: usize = 2;
 
 /// What follows when all ways are gone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,18 +46,20 @@ enum Next {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
+    /// There is no scan.
+    None,
     /// Waits for `*TRG`.
     Armed,
-    /// Goes the ways that wait.
-    Going(Next),
+    /// Goes the ways that wait, to what follows.
+    Going,
     /// A leg is sampled in motion.
     Sampling,
     /// Light was found: stops.
     Crossing,
-    /// At rest; samples up to this segment are still to come.
-    Draining(u64),
-    /// At rest: samples from this segment on count.
-    Settling(u64),
+    /// At rest; samples up to a segment are still to come.
+    Draining,
+    /// At rest: samples from a segment on count.
+    Settling,
     /// Stops on command.
     Stopping,
     /// Stopped on command, and can go on.
@@ -66,29 +68,63 @@ enum Phase {
 
 /// A scan on its way.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Scan {
+pub struct Scan {
     id: u8,
     phase: Phase,
+    /// What follows when all ways are gone.
+    next: Next,
+    /// The segment that it waits for.
+    since: u64,
     definition: Definition,
     /// Where it began: offsets of its axes count from here.
     start: Pose,
     ways: [Option<Pose>; WAYS],
     /// Number of the leg or of the point.
-    index: u16,
+    index: i32,
     leg: Leg,
     block: Block,
     climb: Climb,
     /// The greatest sample: level and offsets.
     best: (i32, [i32; SCAN_AXES]),
     /// The sample that reached the threshold.
-    first: Option<[i32; SCAN_AXES]>,
+    first: [i32; SCAN_AXES],
+    /// What was found, as offsets.
+    place: [i32; SCAN_AXES],
     /// Lines of a raster that have a peak.
     lines: u8,
     /// It is on its way to its end, which is repeated after a stop.
     over: bool,
     /// Why it fails, told in the end.
-    fails: Option<Error>,
+    fails: Option<&'static str>,
     outcome: Outcome,
+}
+
+impl Scan {
+    /// None; all bytes are zero.
+    pub(super) const NONE: Scan = Scan {
+        id: 0,
+        phase: Phase::None,
+        next: Next::Leg,
+        since: 0,
+        definition: Definition::NONE,
+        start: Pose([0; AXES]),
+        ways: [None; WAYS],
+        index: 0,
+        leg: Leg::NONE,
+        block: Block::NONE,
+        climb: Climb::NONE,
+        best: (0, [0; SCAN_AXES]),
+        first: [0; SCAN_AXES],
+        place: [0; SCAN_AXES],
+        lines: 0,
+        over: false,
+        fails: None,
+        outcome: Outcome::NONE,
+    };
+
+    pub(super) fn is_there(&self) -> bool {
+        self.phase != Phase::None
+    }
 }
 
 impl Front {
@@ -99,12 +135,13 @@ impl Front {
     /// # Errors
     /// -213 while this one runs.
     pub fn define_scan(&mut self, id: usize, definition: Definition) -> Result<(), Error> {
-        if self.scan.as_ref().is_some_and(|scan| usize::from(scan.id) == id) {
+        if self.light.scan().is_some_and(|scan| usize::from(scan.id) == id) {
             self.not_scanning()?;
-            self.scan = None;
+            self.end_scan(0);
         }
-        let kept = self.light.get_mut().and_then(|memory| memory.kept.get_mut(id)).ok_or(no_memory())?;
-        (kept.definition, kept.outcome) = (definition, Outcome::NONE);
+        let kept = self.light.get_mut().and_then(|memory| memory.kept.get_mut(id)).ok_or(not_defined())?;
+        kept.definition = definition;
+        kept.outcome.status = 0;
         Ok(())
     }
 
@@ -113,44 +150,43 @@ impl Front {
     /// # Errors
     /// -221 when there is none.
     pub fn scan_definition(&self, id: usize) -> Result<&Definition, Error> {
-        let kept = self.light.get().and_then(|memory| memory.kept.get(id)).ok_or(no_memory())?;
-        if kept.definition.defined { Ok(&kept.definition) } else { Err(not_defined()) }
+        let kept = self.light.get().and_then(|memory| memory.kept.get(id));
+        kept.map(|kept| &kept.definition).filter(|definition| definition.defined).ok_or(not_defined())
     }
 
-    /// What a scan has given so far.
+    /// What a scan has given so far, and where it ended or stands.
     ///
     /// # Errors
     /// -221 when it is not defined or has never begun.
-    pub fn scan_outcome(&self, id: usize) -> Result<Outcome, Error> {
-        self.scan_definition(id)?;
-        if let Some(scan) = self.scan.as_ref().filter(|scan| usize::from(scan.id) == id) {
-            return Ok(Outcome { ended: self.position().0, ..scan.outcome });
+    pub fn scan_outcome(&self, id: usize) -> Result<(&Outcome, Pose), Error> {
+        if let Some(scan) = self.light.scan().filter(|scan| usize::from(scan.id) == id) {
+            return Ok((&scan.outcome, self.position()));
         }
-        let kept = self.light.get().and_then(|memory| memory.kept.get(id)).ok_or(no_memory())?;
-        if kept.outcome.status == 0 {
-            return Err(Error::text(ErrorNumber::SettingsConflict, "scan never started"));
-        }
-        Ok(kept.outcome)
+        let kept = self.light.get().and_then(|memory| memory.kept.get(id));
+        let outcome = kept.map(|kept| &kept.outcome).filter(|outcome| outcome.status != 0);
+        let never = Error::text(ErrorNumber::SettingsConflict, "scan never started");
+        outcome.map(|outcome| (outcome, Pose(outcome.ended))).ok_or(never)
     }
 
     /// Number and phase of the scan that runs: 0 none, 1 waits for its trigger, 2 moves, 3 samples, 4 stopped.
     pub fn scan_state(&self) -> (u8, u8) {
         let phase = |scan: &Scan| match scan.phase {
+            Phase::None => 0,
             Phase::Armed => 1,
-            Phase::Going(_) | Phase::Crossing | Phase::Stopping => 2,
-            Phase::Sampling | Phase::Draining(_) | Phase::Settling(_) => 3,
+            Phase::Going | Phase::Crossing | Phase::Stopping => 2,
+            Phase::Sampling | Phase::Draining | Phase::Settling => 3,
             Phase::Paused => 4,
         };
-        self.scan.as_ref().map_or((0, 0), |scan| (phase(scan), scan.id))
+        self.light.scan().map_or((0, 0), |scan| (phase(scan), scan.id))
     }
 
     /// True from the start of a scan to its end; a stopped one does not run.
     pub fn is_scanning(&self) -> bool {
-        self.scan.as_ref().is_some_and(|scan| scan.phase != Phase::Paused)
+        self.light.scan().is_some_and(|scan| scan.phase != Phase::Paused)
     }
 
     pub(super) fn scan_is_armed(&self) -> bool {
-        self.scan.as_ref().is_some_and(|scan| scan.phase == Phase::Armed)
+        self.light.scan().is_some_and(|scan| scan.phase == Phase::Armed)
     }
 
     /// # Errors
@@ -170,26 +206,17 @@ impl Front {
         self.free_to_scan()?;
         let definition = *self.scan_definition(id)?;
         let start = self.commanded();
-        let scan = Scan {
-            id: id as u8,
-            phase: Phase::Armed,
-            definition,
-            start,
-            ways: [None; WAYS],
-            index: 0,
-            leg: Leg::default(),
-            block: Block::default(),
-            climb: Climb::new(&definition),
-            best: (i32::MIN, [0; SCAN_AXES]),
-            first: None,
-            lines: 0,
-            over: false,
-            fails: None,
-            outcome: Outcome::FRESH,
-        };
-        self.check_scan(&scan)?;
-        self.scan = Some(scan);
-        self.sense.watched |= 1 << definition.channel;
+        if let Some(memory) = self.light.get_mut() {
+            memory.scan = Scan::NONE;
+            let scan = &mut memory.scan;
+            (scan.id, scan.definition, scan.start) = (id as u8, definition, start);
+            (scan.climb.step, scan.best.0, scan.outcome) = (definition.values[STEP], i32::MIN, Outcome::FRESH);
+        }
+        self.check_scan()?;
+        if let Some(memory) = self.light.get_mut() {
+            memory.scan.phase = Phase::Armed;
+        }
+        self.sense.watched |= 1 << definition.channel();
         if self.sense.trigger == Trigger::Immediate {
             self.begin_part();
         }
@@ -215,7 +242,7 @@ impl Front {
 
     /// Stops a scan: what moves decelerates. It can go on.
     pub fn stop_scan(&mut self) {
-        let Some(scan) = &mut self.scan else { return };
+        let Some(scan) = self.light.scan_mut() else { return };
         match scan.phase {
             Phase::Armed => self.end_scan(status::STOPPED),
             Phase::Paused => {}
@@ -232,13 +259,12 @@ impl Front {
     /// -221 when there is none; those of [`Front::start_scan`].
     pub fn continue_stopped_scan(&mut self) -> Result<(), Error> {
         self.free_to_scan()?;
-        let Some(scan) = self.scan else {
+        if self.light.scan().is_none() {
             return Err(Error::text(ErrorNumber::SettingsConflict, "no stopped scan"));
-        };
-        self.check_scan(&scan)?;
-        if let Some(scan) = &mut self.scan {
-            scan.outcome.status = scan.outcome.status & !status::STOPPED | status::RUNNING;
         }
+        self.check_scan()?;
+        let Some(scan) = self.light.scan_mut() else { return Ok(()) };
+        scan.outcome.status = scan.outcome.status & !status::STOPPED | status::RUNNING;
         if scan.over {
             self.conclude()
         } else {
@@ -250,19 +276,28 @@ impl Front {
     /// Forgets a stopped scan: its coordinates no longer mean the same.
     pub(super) fn forget_stopped_scan(&mut self) {
         if !self.is_scanning() {
-            self.scan = None;
+            self.end_scan(0);
         }
     }
 
     /// Ends a scan where it stands, for the reason in `flag`; a stopped one is no longer there to go on.
     pub(super) fn end_scan(&mut self, flag: u16) {
-        let Some(mut scan) = self.scan.take() else { return };
-        scan.outcome.status = scan.outcome.status & !status::RUNNING | flag;
-        scan.outcome.ended = self.law().forward(self.report.final_steps).0;
-        if let Some(kept) = self.light.get_mut().and_then(|memory| memory.kept.get_mut(usize::from(scan.id))) {
-            kept.outcome = scan.outcome;
+        let ended = self.law().forward(self.report.final_steps).0;
+        let Some(memory) = self.light.get_mut() else { return };
+        let scan = &mut memory.scan;
+        if !scan.is_there() {
+            return;
         }
-        self.events.scan = scan.fails.filter(|_| flag & status::FAILED != 0).or(self.events.scan);
+        let failed = scan.fails.filter(|_| flag & status::FAILED != 0);
+        if let Some(kept) = memory.kept.get_mut(usize::from(scan.id)) {
+            kept.outcome = scan.outcome;
+            kept.outcome.status = scan.outcome.status & !status::RUNNING | flag;
+            kept.outcome.ended = ended;
+        }
+        scan.phase = Phase::None;
+        if let Some(why) = failed {
+            self.events.scan = Some(Error::text(ErrorNumber::ScanFailed, why));
+        }
         self.refresh();
     }
 
@@ -270,44 +305,41 @@ impl Front {
 
     /// Begins the leg or the point whose turn it is.
     fn begin_part(&mut self) {
-        let Some(scan) = self.scan else { return };
-        if let Some(memory) = self.light.get_mut() {
-            let lines = matches!(scan.definition.kind, Kind::Line | Kind::Raster);
-            if lines || scan.index == 0 && scan.definition.kind == Kind::Parabola {
-                memory.samples.clear();
-            }
+        let Some(scan) = self.light.scan() else { return };
+        let (ways, next) = self.part_of(scan);
+        let Some(memory) = self.light.get_mut() else { return };
+        // every line has its own samples, points belong to one
+        let scan = &mut memory.scan;
+        if next == Next::Leg || scan.index == 0 {
+            memory.samples.clear();
         }
-        let (ways, next) = self.part_of(&scan);
-        if let Some(scan) = &mut self.scan {
-            scan.block = Block::default();
-            (scan.ways, scan.phase) = (ways, Phase::Going(next));
-        }
+        (scan.ways, scan.phase, scan.next, scan.block) = (ways, Phase::Going, next, Block::NONE);
     }
 
     /// Advances a scan; call it when no order is awaited.
     pub(super) fn continue_scan(&mut self) {
-        if self.scan.is_none() || self.abort != Abort::None {
+        if self.abort != Abort::None {
             return;
         }
         let rests = !self.planner.is_moving() && self.report.settled && self.report.answered == self.sequence;
         let played = self.report.played;
         let heard = self.latest_sample().map_or(0, |sample| sample.played);
-        let Some(scan) = &mut self.scan else { return };
-        let settings = self.settings.sense[usize::from(scan.definition.channel & 1)];
+        let Some(scan) = self.light.scan_mut() else { return };
+        let settings = &self.settings.sense[scan.definition.channel()];
         let wanted = u64::from(settings.average);
         match scan.phase {
             _ if !rests => {}
-            Phase::Armed | Phase::Paused => {}
-            Phase::Going(next) => {
+            Phase::None | Phase::Armed | Phase::Paused => {}
+            Phase::Going => {
                 if let Some(way) = scan.ways.iter_mut().find_map(Option::take) {
                     self.planner.go(way, None);
                     return;
                 }
-                match next {
+                match scan.next {
                     Next::Leg => self.start_leg(),
                     Next::Measure => {
-                        let from = played + late_segments(&settings);
-                        (scan.block, scan.phase) = (Block::default(), Phase::Settling(from));
+                        scan.since = played + late_segments(settings);
+                        (scan.block, scan.phase) = (Block::NONE, Phase::Settling);
                     }
                     Next::Over => {
                         let flag = if scan.fails.is_some() { status::FAILED } else { status::DONE };
@@ -315,11 +347,11 @@ impl Front {
                     }
                 }
             }
-            Phase::Sampling => scan.phase = Phase::Draining(played),
-            Phase::Draining(until) if heard >= until => self.leg_done(),
-            Phase::Settling(_) if u64::from(scan.block.count()) >= wanted => self.measured(),
-            Phase::Draining(from) | Phase::Settling(from) => {
-                if played > from + wanted + PATIENCE {
+            Phase::Sampling => (scan.phase, scan.since) = (Phase::Draining, played),
+            Phase::Draining if heard >= scan.since => self.leg_done(),
+            Phase::Settling if u64::from(scan.block.count()) >= wanted => self.measured(),
+            Phase::Draining | Phase::Settling => {
+                if played > scan.since + wanted + PATIENCE {
                     self.fail_scan("no samples of the power inputs");
                 }
             }
@@ -331,10 +363,6 @@ impl Front {
             }
         }
     }
-}
-
-fn no_memory() -> Error {
-    Error::text(ErrorNumber::SettingsConflict, "no memory for scans")
 }
 
 fn not_defined() -> Error {

@@ -1,191 +1,189 @@
 //! Where a scan goes: the points of its route, and the check of all of them before it starts.
 
+use super::sampling::Block;
 use super::{Next, Phase, Scan, WAYS};
 use crate::compensation::law::Remembered;
-use crate::controller::front::Front;
+use crate::controller::front::{Front, LightMemory};
 use crate::error::Error;
-use crate::scan::{Definition, Kind, SCAN_AXES};
+use crate::scan::{Definition, Kind, LEAST, NUMBER, PITCH, RANGE, SCAN_AXES, STEP};
 use crate::settings::BacklashMode;
 use crate::units::steps::steps_to_units;
 use crate::units::{Axis, Pose, SEGMENT_NS, wide};
 
 /// Offsets of a scan's axes from where it began, nm or nrad.
-type Offsets = [i64; SCAN_AXES];
+pub(super) type Offsets = [i32; SCAN_AXES];
 
 /// A leg that is sampled in motion.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Leg {
     /// Which of the scan's axes it follows.
     pub along: u8,
     /// Motor that tells where a sample was taken.
     pub motor: u8,
     /// Offsets at which its samples begin and end.
-    pub from: i64,
-    pub to: i64,
+    pub from: i32,
+    pub to: i32,
     /// Offset of the other axis.
-    pub beside: i64,
+    pub beside: i32,
     /// Speed, nm/s or nrad/s.
     pub velocity: u64,
     /// How far the stage goes while the meter lags behind, with its sign.
-    pub lag: i64,
-    /// Where the leg begins by command: offset, and target of the motor in Q32.
-    origin: (i64, i64),
+    pub lag: i32,
+    /// Way before and behind it.
+    beyond: i32,
+    /// Where it begins by command: target of the motor in Q32.
+    origin: i64,
     /// nm or nrad a step, Q32.
     slope: i64,
 }
 
 impl Leg {
+    /// None; all bytes are zero.
+    pub const NONE: Leg =
+        Leg { along: 0, motor: 0, from: 0, to: 0, beside: 0, velocity: 0, lag: 0, beyond: 0, origin: 0, slope: 0 };
+
     /// +1 or -1.
-    pub fn sign(&self) -> i64 {
+    pub fn sign(&self) -> i32 {
         if self.to < self.from { -1 } else { 1 }
     }
 
+    /// Offset of the axis before the leg and behind it.
+    fn ends(&self) -> [i32; 2] {
+        let beyond = self.sign() * self.beyond;
+        [self.from - beyond, self.to + beyond]
+    }
+
+    /// The offsets of both axes where the first of them is at one.
+    fn place(&self, along: i32) -> Offsets {
+        if self.along == 0 { [along, self.beside, 0] } else { [self.beside, along, 0] }
+    }
+
     /// Offset at a motor count in Q32.
-    pub fn offset(&self, steps_q32: i64) -> i64 {
-        let way = i128::from(steps_q32 - self.origin.1) * i128::from(self.slope);
-        self.origin.0 + ((way + (1 << 63)) >> 64) as i64
+    pub fn offset(&self, steps_q32: i64) -> i32 {
+        let way = i128::from(steps_q32 - self.origin) * i128::from(self.slope);
+        self.ends()[0].saturating_add(((way + (1 << 63)) >> 64) as i32)
     }
 }
 
 /// Way in which a speed is reached from rest, not below it: v/2 (v/a + a/j) where the acceleration is reached, and above
 /// v sqrt(v/j) where it is not.
-fn run_up(velocity: u64, acceleration: u64, jerk: u64) -> i64 {
+fn run_up(velocity: u64, acceleration: u64, jerk: u64) -> i32 {
     let v = u128::from(velocity);
     let by_acceleration = wide::div_up(v * v, u128::from(acceleration.max(1)));
     let by_jerk = wide::div_up(v * u128::from(acceleration), u128::from(jerk.max(1)));
-    ((by_acceleration + by_jerk) / 2 + 1).min(1 << 30) as i64
+    ((by_acceleration + by_jerk) / 2 + 1).min(1 << 28) as i32
 }
 
 impl Front {
-    /// Speed of a leg: a pitch in the time of a mean, at most that of the axis; nm/s or nrad/s.
-    fn scan_velocity(&self, definition: &Definition, axis: Axis) -> u64 {
-        let average = u64::from(self.sense_settings(definition.channel.into()).average);
-        let wanted = u64::from(definition.pitch.unsigned_abs()) * 1_000_000_000 / (SEGMENT_NS * average.max(1));
-        wanted.clamp(1, self.settings.axes[axis.index()].velocity.max(1))
-    }
-
     /// How far the stage goes at a speed while the meter lags behind; nm or nrad.
-    fn lag(&self, definition: &Definition, velocity: u64) -> i64 {
-        let delay = u64::from(self.sense_settings(definition.channel.into()).delay_ns);
+    fn lag(&self, definition: &Definition, velocity: u64) -> i32 {
+        let delay = u64::from(self.settings.sense[definition.channel()].delay_ns);
         let percent = u64::from(self.settings.override_percent);
-        wide::div(u128::from(velocity * percent) * u128::from(delay), 100_000_000_000) as i64
+        wide::div(u128::from(velocity * percent) * u128::from(delay), 100_000_000_000) as i32
     }
 
     /// Steps beyond the play, as a distance of the axis.
-    fn clear_way(&self, axis: Axis) -> i64 {
+    fn clear_way(&self, axis: Axis) -> i32 {
         let clear = self.clearance(axis).saturating_add(1);
-        steps_to_units(clear.into(), self.law().step_q32(axis.index())).min(1 << 30)
+        steps_to_units(clear.into(), self.law().step_q32(axis.index())).min(1 << 29) as i32
     }
 
-    /// Way before and behind a leg: to its speed, and what the meter lags behind.
-    fn beyond(&self, definition: &Definition, axis: Axis) -> i64 {
+    /// A leg of a scan, but for what its motor says of it.
+    #[inline(never)]
+    fn leg_of(&self, definition: &Definition, index: i32) -> Leg {
+        let values = &definition.values;
+        let spiral = definition.kind == Kind::Spiral;
+        let along = if spiral { index & 1 } else { 0 };
+        let axis = definition.axis(along as usize);
         let own = &self.settings.axes[axis.index()];
-        let velocity = self.scan_velocity(definition, axis);
-        run_up(velocity, own.acceleration, own.jerk) + self.lag(definition, velocity)
+        // a pitch in the time of a mean, at most the speed of the axis
+        let average = u64::from(self.settings.sense[definition.channel()].average);
+        let pitch = u64::from(values[PITCH].unsigned_abs()) * 1_000_000_000;
+        let velocity = pitch.checked_div(SEGMENT_NS * average).unwrap_or(0).min(own.velocity).max(1);
+        let half = definition.sign() * (values[RANGE] / 2);
+        let mut leg =
+            Leg { along: along as u8, motor: axis.index() as u8, from: -half, to: half, velocity, ..Leg::NONE };
+        if spiral {
+            let [begin, end] = [index, index + 1].map(|n| Definition::corner(n).map(|corner| corner * values[STEP]));
+            let k = along as usize & 1;
+            (leg.from, leg.to, leg.beside) = (begin[k], end[k], begin[1 - k]);
+        } else {
+            leg.beyond = run_up(velocity, own.acceleration, own.jerk) + self.lag(definition, velocity);
+        }
+        if definition.kind == Kind::Raster {
+            leg.beside = index * values[STEP] - (definition.legs() - 1) * values[STEP] / 2;
+        }
+        leg.lag = leg.sign() * self.lag(definition, velocity);
+        leg
     }
 
     /// A pose by the offsets of a scan's axes.
+    #[inline(never)]
     pub(super) fn offset_pose(scan: &Scan, offsets: Offsets) -> Pose {
         let mut pose = scan.start;
-        for (axis, offset) in scan.definition.axes().zip(offsets) {
-            let x = &mut pose.0[axis.index()];
-            *x = i64::from(*x).saturating_add(offset).clamp(i32::MIN.into(), i32::MAX.into()) as i32;
+        for (axis, offset) in scan.definition.axes().iter().zip(offsets) {
+            if let Some(x) = pose.0.get_mut(usize::from(*axis)) {
+                *x = x.saturating_add(offset);
+            }
         }
         pose
     }
 
     /// Where a point is approached from: all axes beyond their play. Bit n of `downwards`: axis n downwards.
-    pub(super) fn before(&self, definition: &Definition, offsets: Offsets, downwards: u8) -> Offsets {
+    #[inline(never)]
+    pub(super) fn before(&self, scan: &Scan, offsets: Offsets, downwards: u8) -> Option<Pose> {
         let mut before = offsets;
-        for (n, (axis, offset)) in definition.axes().zip(&mut before).enumerate() {
-            let clear = self.clear_way(axis);
+        for (n, offset) in before.iter_mut().enumerate().take(scan.definition.count.into()) {
+            let clear = self.clear_way(scan.definition.axis(n));
             *offset += if downwards >> n & 1 != 0 { clear } else { -clear };
         }
-        before
-    }
-
-    /// Bit n: axis n of the scan is sampled downwards.
-    pub(super) fn sides(definition: &Definition) -> u8 {
-        u8::from(definition.negative)
-    }
-
-    /// Offset of a line of a raster.
-    fn line_offset(definition: &Definition, n: u16) -> i64 {
-        let span = i64::from(definition.legs().saturating_sub(1)) * i64::from(definition.step);
-        i64::from(n) * i64::from(definition.step) - span / 2
+        Some(Self::offset_pose(scan, before))
     }
 
     /// The ways to the part of a scan whose turn it is, and what is done there.
+    #[inline(never)]
     pub(super) fn part_of(&self, scan: &Scan) -> ([Option<Pose>; WAYS], Next) {
         let definition = &scan.definition;
-        let sign = definition.sign();
-        let sides = Self::sides(definition);
-        let pose = |offsets| Some(Self::offset_pose(scan, offsets));
-        match definition.kind {
-            Kind::Line | Kind::Raster => {
-                let beyond = self.beyond(definition, definition.axis(0));
-                let first = -sign * (i64::from(definition.range[0]) / 2 + beyond);
-                let beside =
-                    if definition.kind == Kind::Raster { Self::line_offset(definition, scan.index) } else { 0 };
-                let begin = [first, beside, 0];
-                ([pose(self.before(definition, begin, sides)), pose(begin), None], Next::Leg)
-            }
-            Kind::Spiral => {
-                let [a, b] = Definition::corner(scan.index).map(|corner| corner * i64::from(definition.step));
-                ([pose([a, b, 0]), None, None], Next::Leg)
+        let sides = u8::from(definition.is_negative());
+        let point = match definition.kind {
+            Kind::Hill => {
+                let there = Self::offset_pose(scan, scan.climb.here);
+                return ([self.overshoot(self.commanded(), there), Some(there)], Next::Measure);
             }
             Kind::Parabola => {
-                let points = i64::from(definition.number.max(2)) - 1;
-                let at = i64::from(definition.range[0]) * (2 * i64::from(scan.index) - points) / (2 * points);
-                let point = [sign * at, 0, 0];
-                // the next points lie on the same flank; after a stop the play is taken up anew
-                let fresh = scan.index == 0 || scan.phase == Phase::Paused;
-                let before = if fresh { pose(self.before(definition, point, sides)) } else { None };
-                ([before, pose(point), None], Next::Measure)
+                let gaps = definition.values[NUMBER].max(2) - 1;
+                let way = i64::from(definition.values[RANGE]) * i64::from(2 * scan.index - gaps);
+                [definition.sign() * way.wrapping_div(2 * i64::from(gaps)) as i32, 0, 0]
             }
-            Kind::Hill => {
-                let there = Self::offset_pose(scan, scan.climb.here.map(i64::from));
-                ([self.overshoot(self.commanded(), there), Some(there), None], Next::Measure)
+            _ => {
+                let leg = self.leg_of(definition, scan.index);
+                leg.place(leg.ends()[0])
             }
-        }
+        };
+        let next = if definition.kind == Kind::Parabola { Next::Measure } else { Next::Leg };
+        // further points lie on the same flank; after a stop the play is taken up anew
+        let goes_on = definition.kind == Kind::Parabola && scan.index > 0 && scan.phase != Phase::Paused;
+        let plain = goes_on || definition.kind == Kind::Spiral;
+        let before = if plain { None } else { self.before(scan, point, sides) };
+        ([before, Some(Self::offset_pose(scan, point))], next)
     }
 
     /// Begins the leg at whose begin the stage stands.
+    #[inline(never)]
     pub(super) fn start_leg(&mut self) {
-        let Some(scan) = self.scan else { return };
-        let definition = &scan.definition;
-        let along = if definition.kind == Kind::Spiral { usize::from(scan.index % 2) } else { 0 };
-        let axis = definition.axis(along);
-        let velocity = self.scan_velocity(definition, axis);
-        let (from, to, beside, beyond) = match definition.kind {
-            Kind::Spiral => {
-                let step = i64::from(definition.step);
-                let [begin, end] =
-                    [scan.index, scan.index + 1].map(|n| Definition::corner(n).map(|corner| corner * step));
-                (begin[along & 1], end[along & 1], begin[1 - (along & 1)], 0)
-            }
-            _ => {
-                let half = definition.sign() * (i64::from(definition.range[0]) / 2);
-                let beside =
-                    if definition.kind == Kind::Raster { Self::line_offset(definition, scan.index) } else { 0 };
-                (-half, half, beside, self.beyond(definition, axis))
-            }
-        };
-        let mut leg =
-            Leg { along: along as u8, motor: axis.index() as u8, from, to, beside, velocity, ..Leg::default() };
-        leg.lag = leg.sign() * self.lag(definition, velocity);
-        let [begin, end] = [from - leg.sign() * beyond, to + leg.sign() * beyond];
-        let pose =
-            |offset| Self::offset_pose(&scan, if along == 0 { [offset, beside, 0] } else { [beside, offset, 0] });
-        let target = |pose: Pose| self.law().targets(&pose.fine(), &mut Remembered::default()).0[axis.index()];
-        let (first, last) = (target(pose(begin)), target(pose(end)));
+        let Some(scan) = self.light.scan() else { return };
+        let mut leg = self.leg_of(&scan.definition, scan.index);
+        let i = usize::from(leg.motor);
+        let [begin, end] = leg.ends();
+        let [first, goal] = [begin, end].map(|along| Self::offset_pose(scan, leg.place(along)));
+        let [from, to] =
+            [first, goal].map(|pose| self.law().targets(&pose.fine(), &mut Remembered::default()).0.get(i).copied());
         // targets have one half added
-        leg.origin = (begin, first - (1 << 31));
-        leg.slope = wide::signed_div(i128::from(end - begin) << 64, i128::from(last - first)) as i64;
-        let goal = pose(end);
-        if let Some(scan) = &mut self.scan {
-            (scan.leg, scan.phase) = (leg, Phase::Sampling);
-            scan.block = Default::default();
+        leg.origin = from.unwrap_or(0) - (1 << 31);
+        let steps = to.unwrap_or(0) - from.unwrap_or(0);
+        leg.slope = wide::signed_div(i128::from(end - begin) << 64, steps.into()) as i64;
+        if let Some(scan) = self.light.scan_mut() {
+            (scan.leg, scan.phase, scan.block) = (leg, Phase::Sampling, Block::NONE);
         }
         self.refresh();
         self.planner.go(goal, None);
@@ -193,64 +191,67 @@ impl Front {
 
     /// What a leg changes of what planning goes by: its speed.
     pub(in crate::controller::front) fn refresh_scan(&mut self) {
-        let Some(scan) = self.scan.as_ref().filter(|scan| scan.phase == Phase::Sampling) else { return };
-        let i = usize::from(scan.leg.motor);
-        let mut own = self.settings.axes[i];
-        own.velocity = scan.leg.velocity.min(own.velocity);
-        self.capability.wanted[i] = own.wanted();
+        let Some(leg) = self.light.scan().filter(|scan| scan.phase == Phase::Sampling).map(|scan| &scan.leg) else {
+            return;
+        };
+        let (i, velocity) = (usize::from(leg.motor), leg.velocity);
+        if let (Some(own), Some(wanted)) = (self.settings.axes.get(i), self.capability.wanted.get_mut(i)) {
+            *wanted = crate::settings::AxisSettings { velocity: velocity.min(own.velocity), ..*own }.wanted();
+        }
     }
 
     /// Checks a scan as a whole.
     ///
     /// # Errors
     /// -221 a climb that the play swallows; 108, 102 and -222 with axis and value.
-    pub(super) fn check_scan(&self, scan: &Scan) -> Result<(), Error> {
+    pub(super) fn check_scan(&self) -> Result<(), Error> {
+        let Some(LightMemory { scan, .. }) = self.light.get() else { return Ok(()) };
         let definition = &scan.definition;
         if definition.kind == Kind::Hill {
-            definition.axes().try_for_each(|axis| self.check_climb(definition, axis))?;
+            (0..definition.count.into()).try_for_each(|n| self.check_climb(definition, definition.axis(n)))?;
         }
-        let (least, most) = self.extent(definition);
         let law = self.law();
-        for (n, axis) in definition.axes().enumerate() {
+        let (mut least, mut most) = ([0; SCAN_AXES], [0; SCAN_AXES]);
+        for n in 0..usize::from(definition.count).min(SCAN_AXES) {
+            let axis = definition.axis(n);
+            let leg = self.leg_of(definition, 0);
+            let reach = match (definition.kind, n) {
+                (Kind::Line | Kind::Raster, 0) => leg.ends()[1].abs(),
+                (Kind::Raster, _) => -leg.beside,
+                (Kind::Spiral, _) => (definition.turns() + 1).saturating_mul(definition.values[STEP]),
+                _ => definition.values[RANGE] / 2,
+            };
+            let clear = self.clear_way(axis);
+            // a climb may end on either flank
+            let either = definition.kind == Kind::Hill;
+            let downwards = n == 0 && definition.is_negative();
+            (least[n], most[n]) = (-reach, reach);
+            if either || !downwards {
+                least[n] = least[n].saturating_sub(clear);
+            }
+            if either || downwards {
+                most[n] = most[n].saturating_add(clear);
+            }
             for offset in [least[n], most[n]] {
-                let x = i64::from(scan.start.0[axis.index()]) + offset;
+                let x = i64::from(scan.start.0[axis.index()]) + i64::from(offset);
                 self.capability.limits.check_coordinate(law, axis, x)?;
             }
         }
         // every corner in an order in which neighbours differ in one axis, and back
         let mut at = self.commanded();
-        for n in 0..1u8 << definition.count {
+        for n in 0..=1u8 << definition.count {
             let corner = n ^ (n >> 1);
-            let offsets = core::array::from_fn(|k| if corner >> k & 1 != 0 { most[k] } else { least[k] });
-            let to = Self::offset_pose(scan, offsets);
+            let mut offsets = least;
+            for (k, (offset, most)) in offsets.iter_mut().zip(&most).enumerate() {
+                *offset = if corner >> k & 1 != 0 { *most } else { *offset };
+            }
+            let last = n >> definition.count != 0;
+            let to = if last { scan.start } else { Self::offset_pose(scan, offsets) };
             self.planner.check(&self.capability, at, to)?;
             self.check_switches(to)?;
             at = to;
         }
-        self.planner.check(&self.capability, at, scan.start)?;
         Ok(())
-    }
-
-    /// Farthest offsets of a scan's axes.
-    fn extent(&self, definition: &Definition) -> (Offsets, Offsets) {
-        let (mut least, mut most) = ([0; SCAN_AXES], [0; SCAN_AXES]);
-        for (n, axis) in definition.axes().enumerate() {
-            let half = i64::from(definition.range[0]) / 2;
-            let reach = match (definition.kind, n) {
-                (Kind::Line | Kind::Raster, 0) => half + self.beyond(definition, axis),
-                (Kind::Raster, _) => -Self::line_offset(definition, 0),
-                (Kind::Spiral, _) => definition.outermost() * i64::from(definition.step),
-                _ => half,
-            };
-            let clear = self.clear_way(axis);
-            let (below, above) = match definition.kind {
-                Kind::Hill => (clear, clear),
-                _ if n == 0 && definition.negative => (0, clear),
-                _ => (clear, 0),
-            };
-            (least[n], most[n]) = (-reach - below, reach + above);
-        }
-        (least, most)
     }
 
     /// # Errors
@@ -267,8 +268,8 @@ impl Front {
             _ => own.backlash_steps(&self.motor(axis)),
         };
         let play = steps_to_units(steps.into(), self.law().step_q32(axis.index()));
-        let patience = i64::from(definition.number.max(1));
-        let least = i64::from(definition.least);
+        let patience = i64::from(definition.values[NUMBER].max(1));
+        let least = i64::from(definition.values[LEAST]);
         if steps > 0 && least * patience <= play {
             return Err(Error::swallowed(axis, least, play / patience + 1));
         }

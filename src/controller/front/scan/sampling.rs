@@ -3,8 +3,9 @@
 use super::{Phase, Scan};
 use crate::controller::front::Front;
 use crate::refill::border::Sample;
-use crate::scan::{End, Kind, SCAN_AXES, status};
+use crate::scan::{END, Kind, NUMBER, SCAN_AXES, THRESHOLD, end, status};
 use crate::sense::{FULL_SCALE, Reading};
+use crate::units::Pose;
 
 /// Samples on their way to a mean.
 #[derive(Clone, Copy, Debug, Default)]
@@ -15,10 +16,13 @@ pub(super) struct Block {
     steps: i64,
     saturated: bool,
     /// Offset and segment of the first and of the last sample of the leg.
-    ends: Option<[(i64, u64); 2]>,
+    ends: Option<[(i32, u64); 2]>,
 }
 
 impl Block {
+    /// None.
+    pub const NONE: Block = Block { count: 0, sum: 0, steps: 0, saturated: false, ends: None };
+
     /// Samples so far.
     pub fn count(&self) -> u16 {
         self.count
@@ -33,44 +37,47 @@ impl Block {
 
     /// Begins a new mean.
     fn clear(&mut self) {
-        *self = Block { ends: self.ends, ..Block::default() };
+        *self = Block { ends: self.ends, ..Block::NONE };
     }
 
     /// How far the leg went in a time, by its own samples; nm or nrad.
-    pub fn way_in(&self, ns: u32) -> Option<i64> {
+    pub fn way_in(&self, ns: u32) -> Option<i32> {
         let [(from, first), (to, last)] = self.ends?;
         let time = (last - first) as i64 * crate::units::SEGMENT_NS as i64;
-        (time > 0).then(|| (i128::from(to - from) * i128::from(ns)).wrapping_div(time.into()) as i64)
+        // 2^30 nm in at most a few minutes, and a tenth of a second of it
+        (i64::from(to) - i64::from(from)).checked_mul(ns.into())?.checked_div(time).map(|way| way as i32)
     }
 }
 
 impl Front {
     /// A sample; true when a scan uses it.
     pub(in crate::controller::front) fn scan_sample(&mut self, sample: &Sample, lost: bool) -> bool {
-        let Some(scan) = &mut self.scan else { return false };
-        let channel = usize::from(scan.definition.channel);
+        let Some(scan) = self.light.scan_mut() else { return false };
+        let channel = scan.definition.channel();
         let code = sample.power.get(channel).copied().unwrap_or(0);
         let steps = sample.steps.0.get(usize::from(scan.leg.motor)).copied().unwrap_or(0);
-        let settings = self.settings.sense.get(channel).copied().unwrap_or_default();
+        let settings = &self.settings.sense[channel];
         match scan.phase {
-            Phase::Settling(from) => {
-                let used = sample.played >= from && sample.taking_up == 0 && scan.block.count < settings.average;
+            Phase::Settling => {
+                let used = sample.played >= scan.since && sample.taking_up == 0 && scan.block.count < settings.average;
                 if used {
                     scan.block.add(code, steps);
                 }
                 used
             }
-            Phase::Sampling | Phase::Draining(_) => {
+            Phase::Sampling | Phase::Draining => {
                 let leg = &scan.leg;
                 let offset = leg.offset(i64::from(steps) << 32) - leg.lag;
                 let within = leg.sign() * (offset - leg.from) >= 0 && leg.sign() * (leg.to - offset) >= 0;
                 if lost && within {
                     scan.outcome.status |= status::LOST;
                 }
-                if lost || !within || sample.taking_up != 0 {
+                // a spiral looks for light: where it is, is known to its step alone
+                let unsure = sample.taking_up != 0 && scan.definition.kind != Kind::Spiral;
+                if lost || !within || unsure {
                     scan.block.clear();
                 }
-                if !within || sample.taking_up != 0 {
+                if !within || unsure {
                     return false;
                 }
                 scan.block.add(code, steps);
@@ -91,57 +98,52 @@ impl Front {
     }
 
     /// A mean of a leg.
-    fn leg_sample(&mut self, offset: i64, reading: Reading) {
-        let Some(scan) = &mut self.scan else { return };
-        let along = offset as i32;
-        let beside = scan.leg.beside as i32;
-        let place = if scan.leg.along == 0 { [along, beside, 0] } else { [beside, along, 0] };
-        scan.note(reading, place);
-        if matches!(scan.definition.kind, Kind::Line | Kind::Raster)
-            && let Some(memory) = self.light.get_mut()
+    #[inline(never)]
+    fn leg_sample(&mut self, offset: i32, reading: Reading) {
+        let Some(memory) = self.light.get_mut() else { return };
+        let scan = &mut memory.scan;
+        let (along, beside) = (offset, scan.leg.beside);
+        scan.note(reading, if scan.leg.along == 0 { [along, beside, 0] } else { [beside, along, 0] });
+        memory.samples.push((along, reading.level()));
+        if scan.definition.values[END] == end::FIRST
+            && scan.outcome.status & status::LIGHT != 0
+            && scan.phase == Phase::Sampling
         {
-            memory.samples.push((along, reading.level()));
-        }
-        if scan.definition.end == End::First && scan.first.is_some() && scan.phase == Phase::Sampling {
             scan.phase = Phase::Crossing;
             self.planner.stop_coordinated();
         }
     }
 
     /// The mean at a point at rest is complete.
+    #[inline(never)]
     pub(super) fn measured(&mut self) {
         let at = self.position();
-        let Some(scan) = &mut self.scan else { return };
-        let settings = self.settings.sense[usize::from(scan.definition.channel & 1)];
-        let block = core::mem::take(&mut scan.block);
-        let reading = settings.reading(block.sum, block.count, block.saturated);
+        let Some(memory) = self.light.get_mut() else { return };
+        let scan = &mut memory.scan;
+        let definition = &scan.definition;
+        let block = &scan.block;
+        let reading = self.settings.sense[definition.channel()].reading(block.sum, block.count, block.saturated);
         let mut place = [0; SCAN_AXES];
-        for (axis, place) in scan.definition.axes().zip(&mut place) {
-            *place = at.0[axis.index()].wrapping_sub(scan.start.0[axis.index()]);
+        for (axis, place) in definition.axes().iter().zip(&mut place) {
+            let of = |pose: &Pose| pose.0.get(usize::from(*axis)).copied().unwrap_or(0);
+            *place = of(&at).wrapping_sub(of(&scan.start));
         }
         scan.note(reading, place);
-        let found = scan.definition.end == End::First && scan.first.is_some();
-        let definition = scan.definition;
-        let goes_on = match definition.kind {
-            Kind::Hill => {
-                // where it was sent, not where the nearest step is: nothing may add up
-                scan.climb.measured(&definition, reading.level())
-            }
-            _ => {
-                if let Some(memory) = self.light.get_mut() {
-                    memory.samples.push((place[0], reading.level()));
-                }
-                scan.index += 1;
-                scan.index < definition.number
-            }
+        memory.samples.push((place[0], reading.level()));
+        scan.index += 1;
+        let definition = &scan.definition;
+        let climbs = definition.kind == Kind::Hill;
+        // by where it was sent, not by where the nearest step is: nothing may add up
+        let goes_on = if climbs {
+            scan.climb.measured(definition, reading.level())
+        } else {
+            scan.index < definition.values[NUMBER]
         };
-        if found {
+        if definition.values[END] == end::FIRST && scan.outcome.status & status::LIGHT != 0 {
             self.found_light();
-        } else if definition.kind == Kind::Hill && reading == Reading::High {
-            self.fail_scan("power saturated");
-        } else if goes_on {
+        } else if goes_on && !(climbs && reading == Reading::High) {
             self.begin_part();
-        } else if definition.kind == Kind::Hill {
+        } else if climbs {
             self.climbed();
         } else {
             self.line_found();
@@ -151,6 +153,7 @@ impl Front {
 
 impl Scan {
     /// Counts a mean and remembers the greatest and the first one with light.
+    #[inline(never)]
     fn note(&mut self, reading: Reading, place: [i32; SCAN_AXES]) {
         let level = reading.level();
         self.outcome.samples += 1;
@@ -160,9 +163,11 @@ impl Scan {
         if level > self.best.0 {
             self.best = (level, place);
         }
-        if level >= self.definition.threshold.saturating_mul(1000) && reading != Reading::Low {
+        if level >= self.definition.values[THRESHOLD].wrapping_mul(1000) && reading != Reading::Low {
+            if self.outcome.status & status::LIGHT == 0 {
+                self.first = place;
+            }
             self.outcome.status |= status::LIGHT;
-            self.first = self.first.or(Some(place));
         }
     }
 }
