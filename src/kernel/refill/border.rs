@@ -152,6 +152,9 @@ pub const CONVERSION_MAX: u16 = 4095;
 
 /// What the power inputs say at a border between two segments, and where the motors stand there: exactly, because a
 /// border is where the generator's state is known.
+///
+/// In the order of declaration: tests of the firmware read it in memory.
+#[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sample {
     /// Segments completely played: the tick is [`Sample::tick`].
