@@ -43,6 +43,8 @@ const CHANNEL: u8 = 0;
 const WAKING: u32 = 16;
 /// Ticks after a trigger by which the first conversion is there and the last one is not yet: 1.4 and 10.3 us.
 const AMID: u32 = 6;
+/// Ticks after a trigger by which all are there.
+const DONE: u32 = 14;
 const SEGMENT: u32 = SEGMENT_TICKS as u32;
 /// No border: those are multiples of a segment.
 pub const NONE: u32 = 1;
@@ -55,8 +57,9 @@ pub struct Adc {
     due: u32,
     /// The part into which that goes.
     part: usize,
-    /// The part before it is being filled, or full.
-    full: bool,
+    /// The border of which the last report tells and whose conversions, in the part before, are not yet summed;
+    /// [`NONE`] if there is none.
+    open: u32,
 }
 
 impl Adc {
@@ -81,47 +84,60 @@ impl Adc {
             converter.sqr2().write(|w| w.0 = all);
             converter.sqr3().write(|w| w.0 = all);
         }
-        Adc { due: NONE, part: 0, full: false }
+        Adc { due: NONE, part: 0, open: NONE }
     }
 
     /// Whatever is being converted belongs to no border that counts.
     #[inline(always)]
     pub fn lose(&mut self) {
-        self.due = NONE;
+        (self.due, self.open) = (NONE, NONE);
     }
 
-    /// The sums of both inputs at the border before the one that has just passed, input 1 in the lower half: once a
-    /// segment and only if all is as it should be. `count`: what TIM2 says; call first of all in the refill.
+    /// The sums of both inputs, input 1 in the lower half, at the border of which the last report tells: once, and only
+    /// if all is as it should be. `count`: what TIM2 says; call first of all in the refill.
     #[inline(always)]
     pub fn collect(&mut self, count: u32) -> Option<u32> {
-        let since = count.wrapping_sub(self.due);
-        if since >= SEGMENT || self.due == NONE {
+        let (since, part, open) = (count.wrapping_sub(self.due), self.part, self.open);
+        if self.due == NONE {
             return None;
         }
-        let (part, full) = (self.part, self.full);
-        (self.part, self.full) = (part.wrapping_add(1) % PARTS, true);
-        self.due = self.due.wrapping_add(SEGMENT);
+        let passed = since < SEGMENT;
+        if passed {
+            self.open = self.due;
+            self.due = self.due.wrapping_add(SEGMENT);
+            self.part = part.wrapping_add(1) % PARTS;
+        } else if count.wrapping_sub(open) < DONE {
+            return None;
+        } else {
+            self.open = NONE;
+        }
+        if open == NONE {
+            return None;
+        }
         let position = RING.wrapping_sub(pac::DMA2.st(STREAM).ndtr().read().ndt().into());
-        // conversions since the trigger: few or none right behind it, at least one and at most all later
-        let came = position.wrapping_sub((part * PART) as u32).wrapping_sub(u32::from(since >= AMID));
-        if came % RING >= PART as u32 {
-            self.due = NONE;
+        // conversions behind those that are wanted: none before the next trigger, none or some right behind it, at
+        // least one and at most all later
+        let beyond = position.wrapping_sub((part * PART) as u32).wrapping_sub(u32::from(passed && since >= AMID));
+        if beyond % RING >= if passed { PART as u32 } else { 1 } {
+            self.lose();
             return None;
         }
-        full.then(|| sum(part.wrapping_sub(1) % PARTS))
+        Some(sum(part.wrapping_sub(1)))
     }
 
     /// The refill is done: `awaited` is the border that triggers next, [`NONE`] if that is not sure, and `count` what
-    /// TIM2 says now. Begins anew if the two do not follow on each other.
+    /// TIM2 says now. Begins anew if things do not follow on each other.
     #[inline(always)]
     pub fn settle(&mut self, awaited: u32, count: u32, running: bool) {
-        // not behind the border: the report may tell of this one or of that one
-        let left = awaited.wrapping_sub(count);
-        if self.due != awaited || left > SEGMENT {
-            self.due = NONE;
-            if running && awaited != NONE && (WAKING..=SEGMENT).contains(&left) {
+        if count.wrapping_sub(self.open) >= SEGMENT {
+            // a border has passed meanwhile: the report may tell of this one or of that one
+            self.open = NONE;
+        }
+        if self.due != awaited {
+            self.lose();
+            if running && awaited != NONE && (WAKING..=SEGMENT).contains(&awaited.wrapping_sub(count)) {
                 begin();
-                (self.due, self.part, self.full) = (awaited, 0, false);
+                (self.due, self.part) = (awaited, 0);
             }
         }
     }

@@ -8,6 +8,9 @@ use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering, compiler_fence};
 
 /// One writer in an interrupt, one reader below it. `N`: a power of two.
+///
+/// In the order of declaration: tests of the firmware read it in memory.
+#[repr(C)]
 pub struct Ring<T, const N: usize> {
     places: [UnsafeCell<MaybeUninit<T>>; N],
     /// Values written and taken; both wrap.
