@@ -6,6 +6,7 @@
 //! leave every motor where it is: the logical pose is recomputed by the forward map.
 
 mod calibration;
+mod compare;
 mod dry_run;
 mod flanks;
 mod homing;
@@ -16,6 +17,7 @@ mod sense;
 mod standstill;
 mod storage;
 
+use compare::Comparing;
 pub use dry_run::Check;
 use flanks::Preload;
 use homing::Homing;
@@ -114,6 +116,7 @@ pub struct Front {
     late_error: Option<Error>,
     report: Report,
     sense: Sense,
+    comparing: Comparing,
     events: Events,
     storage: Storage,
     pivots: [Option<[i32; 3]>; PIVOTS],
@@ -182,6 +185,7 @@ impl Front {
             // lines that are pulled up, until they are known
             report: Report { settled: true, inputs: Inputs { fault: 0x3f, ..Inputs::default() }, ..Report::default() },
             sense: Sense::default(),
+            comparing: Comparing::default(),
             sequence: 0,
             lead: LEAD,
             planned_from: 0,
@@ -250,6 +254,7 @@ impl Front {
                 let _ = self.set_pulses(&settings).and_then(|()| self.change_law());
             }
         }
+        self.follow_compare(&report, aborted);
         self.follow_stop();
         let answered = |sequence: u16| report.answered.wrapping_sub(sequence) < 0x8000;
         self.hold = self.hold.filter(|sequence| !answered(*sequence));
