@@ -4,7 +4,8 @@
 //! Between two borders the axis is taken to go straight, as the motors are when their steps are placed; the word is the
 //! one in whose microsecond it passes the position, either way. What it stands on exactly at a border counts as above,
 //! so that a turn there is one crossing or none. The pulse goes into the words as a step does: what is not played
-//! because of an abort is taken back with them, and is due again.
+//! because of an abort is taken back with them, and is due again. After an abort the axis stands where its whole steps
+//! say, up to half a step from where it was on its way: positions in between count as passed with the next motion.
 //!
 //! The line is lowered one grid later, by a bit of its own: words without a pulse are as they were before there was
 //! this.
@@ -16,6 +17,17 @@ use crate::stepgen::pins::{TRIGGER, reset};
 use crate::stepgen::segment::Words;
 use crate::units::{FinePose, SEGMENT_TICKS};
 
+/// Ways that are remembered: of the segment that plays, those made ahead, and one more.
+const WAYS: usize = 4;
+
+/// The way of the axis in a segment.
+#[derive(Clone, Copy, Debug, Default)]
+struct Way {
+    segment: u64,
+    from: i64,
+    to: i64,
+}
+
 /// A [`Compare`] and how far it has come.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Comparing {
@@ -24,8 +36,11 @@ pub(super) struct Comparing {
     pub(super) pulsed: u16,
     /// The segment from which on pulses are its own.
     since: u64,
-    /// Where the axis stood at the end of what was generated.
+    /// Where the axis stood at the end of what was generated, or where an abort met it.
     at: i64,
+    /// The next anchor names what an abort has left.
+    aborted: bool,
+    ways: [Way; WAYS],
 }
 
 impl Comparing {
@@ -59,7 +74,7 @@ impl Generator {
     #[inline(never)]
     pub(super) fn compare(&mut self, wanted: Compare) {
         let at = self.pose().0.get(usize::from(wanted.axis)).copied().unwrap_or(0);
-        self.comparing = Comparing { wanted, pulsed: 0, since: self.segment, at };
+        self.comparing = Comparing { wanted, since: self.segment, at, ..Comparing::default() };
         self.armed = self.comparing.is_armed();
         for start in &mut self.history {
             start.pulsed = 0;
@@ -68,9 +83,11 @@ impl Generator {
 
     /// The axis stands elsewhere without having gone there.
     pub(super) fn compare_from(&mut self, pose: &FinePose) {
-        if let Some(at) = pose.0.get(usize::from(self.comparing.wanted.axis)) {
-            self.comparing.at = *at;
+        let comparing = &mut self.comparing;
+        if let (false, Some(at)) = (comparing.aborted, pose.0.get(usize::from(comparing.wanted.axis))) {
+            comparing.at = *at;
         }
+        comparing.aborted = false;
     }
 
     /// The pulses of a segment at whose end the axes stand at `pose`.
@@ -78,9 +95,11 @@ impl Generator {
     #[inline(never)]
     pub(super) fn pulse(&mut self, pose: &FinePose, words: &mut Words) {
         let width = self.timing.grid() as usize;
-        let Comparing { wanted, pulsed, at, .. } = &mut self.comparing;
+        let Comparing { wanted, pulsed, at, ways, aborted, .. } = &mut self.comparing;
         let Some(&to) = pose.0.get(usize::from(wanted.axis)) else { return };
         let from = core::mem::replace(at, to);
+        *aborted = false;
+        ways[self.segment as usize % WAYS] = Way { segment: self.segment, from, to };
         let (up, distance) = (to > from, to.wrapping_sub(from).unsigned_abs());
         while *pulsed < wanted.count {
             let position =
@@ -117,7 +136,7 @@ impl Generator {
     }
 
     /// After an abort in a segment of which `words` were played and before which were `before` pulses, none if it was
-    /// not generated: what was not played is due again.
+    /// not generated: what was not played is due again, from where the axis was then.
     pub(super) fn compare_again(&mut self, segment: u64, before: Option<u16>, words: &[u32]) {
         let comparing = &mut self.comparing;
         if segment < comparing.since {
@@ -129,6 +148,13 @@ impl Generator {
         if comparing.wanted.count != 0 {
             // what was left high
             self.lower = Some(0);
+            comparing.aborted = segment >= comparing.since;
+            let next = comparing.ways.iter().filter(|way| way.segment >= segment).min_by_key(|way| way.segment);
+            if let Some(&Way { segment: of, from, to }) = next {
+                let played = if of == segment { words.len() as i64 } else { 0 };
+                comparing.at = from.wrapping_add(to.wrapping_sub(from).wrapping_mul(played) >> SEGMENT_TICKS.ilog2());
+            }
+            comparing.ways = [Way::default(); WAYS];
         }
         self.armed = comparing.is_armed();
     }
