@@ -11,7 +11,7 @@
 //! | limit switch upper 1..6 | PD2, PD6, PD8, PD10, PB13, PB15 | pulled up |
 //! | driver fault 1..6 | PB4, PB5, PB7, PB8, PB11, PB12 | pulled up |
 //! | driver enable 1..6 | PC1, PC2, PC5, PC6, PC8, PC9 | push-pull |
-//! | optical power 1, 2 | PB0, PB1 | ADC1_IN8, ADC2_IN9; 0..3.3 V |
+//! | optical power 1, 2 | PB0, PB1 | ADC1_IN8, ADC2_IN9; full scale is VDDA, 3 V on this board |
 //! | USB | PA11, PA12 | the micro-AB socket |
 //! | lights | PD12 green, PD13 orange, PD14 red, PD15 blue | runs, moves, stopped for a fault, serial or USB traffic |
 //!

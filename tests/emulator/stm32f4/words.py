@@ -5,6 +5,7 @@ from bisect import bisect_right
 
 from .events import UNITS_PER_US
 
+TRIGGER_PIN = 2
 STEP_PINS = (6, 14, 5, 13, 7, 15)
 DIR_PINS = (4, 8, 9, 10, 11, 12)
 
