@@ -4,7 +4,7 @@ use stage_controller::scpi::tree::{Entry, Kind, Param, TABLE};
 use std::fmt::Write;
 
 /// Groups of commands by the first node of their headers, in the order of the table.
-const GROUPS: [(&str, &str); 9] = [
+const GROUPS: [(&str, &str); 10] = [
     ("*", "Common commands"),
     ("SYSTem", "System"),
     ("STATus", "Status registers"),
@@ -14,6 +14,7 @@ const GROUPS: [(&str, &str); 9] = [
     ("POSE", "All axes"),
     ("VELocity", "All axes"),
     ("PIVot", "Rotation centre"),
+    ("OUTPut", "Trigger output"),
 ];
 /// What is in no other group.
 const LAST_GROUP: &str = "Compensation";
