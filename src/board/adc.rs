@@ -101,28 +101,36 @@ impl Adc {
         if self.due == NONE {
             return None;
         }
-        let passed = since < SEGMENT;
-        if passed {
-            self.open = self.due;
-            self.due = self.due.wrapping_add(SEGMENT);
-            self.part = part.wrapping_add(1) % PARTS;
-        } else if count.wrapping_sub(open) < DONE {
-            return None;
-        } else {
-            self.open = NONE;
+        if since >= SEGMENT {
+            return self.collect_early(count);
         }
+        self.open = self.due;
+        self.due = self.due.wrapping_add(SEGMENT);
+        self.part = part.wrapping_add(1) % PARTS;
         if open == NONE {
             return None;
         }
-        let position = RING.wrapping_sub(pac::DMA2.st(STREAM).ndtr().read().ndt().into());
-        // conversions behind those that are wanted: none before the next trigger, none or some right behind it, at
-        // least one and at most all later
-        let beyond = position.wrapping_sub((part * PART) as u32).wrapping_sub(u32::from(passed && since >= AMID));
-        if beyond % RING >= if passed { PART as u32 } else { 1 } {
+        // none or some right behind the trigger, at least one and at most all later
+        if beyond(part).wrapping_sub(u32::from(since >= AMID)) % RING >= PART as u32 {
             self.lose();
             return None;
         }
         Some(sum(part.wrapping_sub(1)))
+    }
+
+    /// The refill runs between two borders, because somebody wanted it to.
+    #[cold]
+    #[inline(never)]
+    fn collect_early(&mut self, count: u32) -> Option<u32> {
+        if self.open == NONE || count.wrapping_sub(self.open) < DONE {
+            return None;
+        }
+        self.open = NONE;
+        if beyond(self.part) % RING != 0 {
+            self.lose();
+            return None;
+        }
+        Some(sum(self.part.wrapping_sub(1)))
     }
 
     /// The refill is done: `awaited` is the border that triggers next, [`NONE`] if that is not sure, and `count` what
@@ -141,6 +149,12 @@ impl Adc {
             }
         }
     }
+}
+
+/// Conversions since the begin of a part, modulo the ring.
+#[inline(always)]
+fn beyond(part: usize) -> u32 {
+    RING.wrapping_sub(pac::DMA2.st(STREAM).ndtr().read().ndt().into()).wrapping_sub((part * PART) as u32)
 }
 
 /// The sums of a part that no conversion reaches now.
