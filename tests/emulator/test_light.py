@@ -85,9 +85,9 @@ class Samples:
 
     def run(self, us):
         """Lets the board live, and takes all samples."""
-        end = self.board.now_us + us
-        while self.board.now_us < end:
-            self.board.run(min(8 * SEGMENT, end - self.board.now_us))
+        while us > 0:
+            self.board.run(min(8 * SEGMENT, us))
+            us -= 8 * SEGMENT
             self.look()
 
 
