@@ -1,5 +1,6 @@
 //! The board: STM32F407G-DISC1 with six step/direction drivers. A second board is another folder like this one.
 
+pub mod adc;
 pub mod backup;
 pub mod clock;
 pub mod critical;
@@ -11,6 +12,7 @@ mod memory;
 pub mod pins;
 pub mod port;
 pub mod refill;
+mod ring;
 pub mod step_dma;
 pub mod supervision;
 pub mod usart;
@@ -92,7 +94,7 @@ impl Hal for Board {
     }
 
     fn sample(&mut self) -> Option<Sample> {
-        None
+        self.border.sample()
     }
 
     fn can_order(&self) -> bool {

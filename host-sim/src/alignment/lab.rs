@@ -124,7 +124,7 @@ impl Lab {
             let codes = self.bench.codes(side);
             self.stages[side.index()].console.board.set_power(codes);
         }
-        if self.segments % LOOK_SEGMENTS == 0 {
+        if self.segments.is_multiple_of(LOOK_SEGMENTS) {
             self.look_on();
         }
     }

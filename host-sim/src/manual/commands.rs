@@ -4,7 +4,7 @@ use stage_controller::scpi::tree::{Entry, Kind, Param, TABLE};
 use std::fmt::Write;
 
 /// Groups of commands by the first node of their headers, in the order of the table.
-const GROUPS: [(&str, &str); 14] = [
+const GROUPS: [(&str, &str); 15] = [
     ("*", "Common commands"),
     ("SYSTem", "System"),
     ("STATus", "Status registers"),
@@ -19,6 +19,7 @@ const GROUPS: [(&str, &str); 14] = [
     ("TRACe", "Recordings"),
     ("FORMat", "Recordings"),
     ("TRIGger", "Recordings"),
+    ("OUTPut", "Trigger output"),
 ];
 /// What is in no other group.
 const LAST_GROUP: &str = "Compensation";

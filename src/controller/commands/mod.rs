@@ -4,6 +4,7 @@
 
 mod axis;
 mod axis_settings;
+mod compare;
 mod compensation;
 mod pose;
 mod scan;
@@ -78,6 +79,7 @@ impl Instrument for Front {
                 out.integer(u8::from(self.stop_contact_open()));
             }
             C::EmergencyStopClear => self.clear_stop()?,
+            C::CompareDefine | C::CompareCount => compare::execute(self, call, out)?,
             C::StatusAxis => out.integer(self.axis_condition(call.axis())),
             _ => return other(self, link, call, out),
         }

@@ -6,6 +6,7 @@
 //! leave every motor where it is: the logical pose is recomputed by the forward map.
 
 mod calibration;
+mod compare;
 mod dry_run;
 mod flanks;
 mod homing;
@@ -18,6 +19,7 @@ mod sense;
 mod standstill;
 mod storage;
 
+use compare::Comparing;
 pub use dry_run::Check;
 use flanks::Preload;
 use homing::Homing;
@@ -120,6 +122,7 @@ pub struct Front {
     late_error: Option<Error>,
     report: Report,
     sense: Sense,
+    comparing: Comparing,
     events: Events,
     storage: Storage,
     pivots: [Option<[i32; 3]>; PIVOTS],
@@ -192,6 +195,7 @@ impl Front {
             report: Report { settled: true, inputs: Inputs { fault: 0x3f, ..Inputs::default() }, ..Report::default() },
             sense: Sense::default(),
             light: Lent::default(),
+            comparing: Comparing::default(),
             sequence: 0,
             lead: LEAD,
             planned_from: 0,
@@ -262,6 +266,7 @@ impl Front {
                 let _ = self.set_pulses(&settings).and_then(|()| self.change_law());
             }
         }
+        self.follow_compare(&report, aborted);
         self.follow_stop();
         let answered = |sequence: u16| report.answered.wrapping_sub(sequence) < 0x8000;
         self.hold = self.hold.filter(|sequence| !answered(*sequence));

@@ -136,6 +136,7 @@ impl Front {
         self.reset_sense();
         self.pivot = 0;
         self.pivots = [None; PIVOTS];
+        self.reset_compare();
         if self.abort == Abort::None {
             let _ = self.set_pulses(&fresh_pulses(&self.settings, &fresh)).and_then(|()| self.change_law());
         } else {

@@ -52,6 +52,21 @@ pub enum Action {
     },
     /// Pulse timing and sense of the motors. Only at standstill.
     Pulses(Timing),
+    /// Another position compare, in place of the one before.
+    Compare(Compare),
+}
+
+/// Position compare: where a logical axis makes pulses, one after the other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Compare {
+    /// Which axis.
+    pub axis: u8,
+    /// Position of the first pulse, nm or nrad.
+    pub start: i32,
+    /// From each pulse to the next one, nm or nrad; not zero if there is another.
+    pub step: i32,
+    /// How many; 0 is off.
+    pub count: u16,
 }
 
 /// An action and the segment at which it takes effect.
@@ -141,6 +156,8 @@ pub struct Report {
     pub stepping_up: u8,
     /// Bit n: the same downwards.
     pub stepping_down: u8,
+    /// Pulses of the position compare at the end of what was played.
+    pub pulsed: u16,
 }
 
 /// Inputs that measure light.
@@ -152,6 +169,9 @@ pub const CONVERSION_MAX: u16 = 4095;
 
 /// What the power inputs say at a border between two segments, and where the motors stand there: exactly, because a
 /// border is where the generator's state is known.
+///
+/// In the order of declaration: tests of the firmware read it in memory.
+#[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sample {
     /// Segments completely played: the tick is [`Sample::tick`].

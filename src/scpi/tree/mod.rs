@@ -109,6 +109,8 @@ pub enum Command {
     PivotDefine,
     PivotSelect,
     PivotQuery,
+    CompareDefine,
+    CompareCount,
     CompensationState,
     CompensationCouplingState,
     CompensationPivotState,

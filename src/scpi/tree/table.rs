@@ -518,6 +518,22 @@ pub const TABLE: &[Entry] = &[
     query(C::PivotQuery, "PIVot", "The rotation centre in use: number and x, y, z.")
         .errors(NO_CALIBRATION)
         .example("PIV?"),
+    mask(
+        C::CompareDefine,
+        "OUTPut:PCOMpare",
+        &[
+            param("axis", Kind::Integer(1, 6)),
+            param("start", Kind::Coordinate),
+            param("step", Kind::Coordinate),
+            param("count", Kind::Integer(0, 65_535)),
+        ],
+        "Pulses of the trigger output, one after the other, where the axis passes start, start + step, ...; count 0: off.",
+    )
+    .range("axis 1..6; count 0..65535; steps that take the axis two pulse times or more at its VELocity", "1,0,0,0")
+    .errors(&[DataOutOfRange, Moving])
+    .example("OUTP:PCOM 1,-50,0.5,201"),
+    query(C::CompareCount, "OUTPut:PCOMpare:COUNt", "Pulses of the position compare in the words played so far.")
+        .example("OUTP:PCOM:COUN?"),
     setting(C::CompensationState, "COMPensation:STATe", SWITCH, "Switches all compensation.")
         .range("OFF|ON", "ON")
         .errors(SWITCH_ERRORS)

@@ -20,12 +20,14 @@ impl Generator {
         };
         self.aborts = self.aborts.wrapping_add(1);
         self.running = 0;
+        let before = self.start_of(segment).map(|start| start.pulsed);
         let (start, words, tick) = match self.start_of(segment) {
             Some(_) => (self.motors.map(|motor| motor.starts[place_of(segment)]), words, tick),
             None => (self.motors.map(|motor| motor.now), &[0; SEGMENT_TICKS], 0),
         };
         let at = |from: i64, to: i64| from + (((to - from) as i128 * tick as i128) / SEGMENT_TICKS as i128) as i64;
         let played = words.get(..tick).unwrap_or(words);
+        self.compare_again(segment, before, played);
         let (base, resume) = (first_tick(segment), first_tick(segment + 1));
         for (i, (motor, start)) in self.motors.iter_mut().zip(&start).enumerate() {
             let emitter = Emitter::after_abort(&start.emitter, &motor.line, played, base, resume);
@@ -58,5 +60,6 @@ impl Generator {
         self.segment = segment;
         self.steady -= back as u8;
         self.stepping.take_back(back);
+        self.comparing.take_back(segment);
     }
 }

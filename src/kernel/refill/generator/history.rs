@@ -13,11 +13,13 @@ pub(super) struct Flags {
     pub(super) owing: u8,
 }
 
-/// What reports say of the start of a segment beside where the motors stand.
+/// What is remembered of the start of a segment beside where the motors stand.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Start {
     pub(super) segment: u64,
     pub(super) flags: Flags,
+    /// Pulses of the position compare before it.
+    pub(super) pulsed: u16,
 }
 
 /// Where the start of a segment is remembered.

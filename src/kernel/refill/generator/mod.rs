@@ -9,6 +9,7 @@
 //! An abort must name a segment among the last [`HISTORY`] ones.
 
 mod abort;
+mod compare;
 mod history;
 mod motor;
 mod orders;
@@ -23,6 +24,7 @@ use crate::motion::track::Track;
 use crate::stepgen::segment::{Words, clear};
 use crate::stepgen::timing::{Line, Timing};
 use crate::units::{AXES, FinePose, FineSteps, MotorSteps, SEGMENT_TICKS};
+use compare::Comparing;
 pub use history::HISTORY;
 use history::{Flags, Start, Stepping, place_of};
 use motor::{Motor, Standing, follow_all};
@@ -55,6 +57,10 @@ pub struct Generator {
     moving: u8,
     /// A step waits.
     waiting: bool,
+    /// Pulses of the position compare are still to come.
+    armed: bool,
+    /// The word of the next segment that ends a pulse of the position compare.
+    lower: Option<u8>,
     flags: Flags,
     timing: Timing,
     segment: u64,
@@ -82,6 +88,7 @@ pub struct Generator {
     motors: [Motor; AXES],
     history: [Start; HISTORY],
     tracks: [Running; SLOTS],
+    comparing: Comparing,
 }
 
 impl Generator {
@@ -105,6 +112,9 @@ impl Generator {
             moving: 0,
             motors: timing.lines().map(motor),
             waiting: false,
+            armed: false,
+            lower: None,
+            comparing: Comparing::default(),
             flags: Flags::default(),
             timing,
             segment: 0,
@@ -153,18 +163,25 @@ impl Generator {
         if !cleared || self.timing.grid() != 1 {
             clear(words, &self.timing);
         }
+        if self.lower.is_some() {
+            self.lower(words);
+        }
         let moving = self.running != 0;
         if moving || self.waiting || self.flags.taking_up != 0 {
             if self.segment > self.busy_until + 2 {
                 self.motors.iter_mut().for_each(|motor| motor.now.emitter.rested(first_tick(self.segment)));
             }
+            let pulsed = self.comparing.pulsed;
             if moving {
                 let pose = self.advance_tracks();
+                if self.armed {
+                    self.pulse(&pose, words);
+                }
                 self.law.drive(&pose, &mut self.remembered, &mut self.ahead);
             } else {
                 self.ahead = self.targets();
             }
-            self.follow(moving, words);
+            self.follow(moving, pulsed, words);
             self.busy_until = self.segment + 1;
             self.steady = 0;
         } else {
@@ -174,12 +191,12 @@ impl Generator {
     }
 
     /// One segment of motion: remembers every motor, takes up its play and places its steps. Unless `moving` only
-    /// the overlays move.
+    /// the overlays move. `pulsed`: pulses of the position compare before it.
     #[inline(always)]
-    fn follow(&mut self, moving: bool, words: &mut Words) {
+    fn follow(&mut self, moving: bool, pulsed: u16, words: &mut Words) {
         let base = first_tick(self.segment);
         let place = place_of(self.segment);
-        self.history[place] = Start { segment: self.segment, flags: self.flags };
+        self.history[place] = Start { segment: self.segment, flags: self.flags, pulsed };
         // no longer known to be a static: its address would be put together anew for every motor
         let motors = core::hint::black_box(&mut self.motors);
         let (news, mut up, mut down) = if self.timing.grid() == 1 {
@@ -223,7 +240,7 @@ impl Generator {
     fn come_to_rest(&mut self) {
         let place = place_of(self.segment);
         self.steady += 1;
-        self.history[place].flags = self.flags;
+        (self.history[place].flags, self.history[place].pulsed) = (self.flags, self.comparing.pulsed);
         for motor in &mut self.motors {
             motor.starts[place] = motor.now;
         }
@@ -306,6 +323,20 @@ impl Generator {
     /// Motors that may be stepping up, down, in what plays or waits to be played.
     pub fn stepping(&self) -> (u8, u8) {
         self.stepping.last(self.segment.saturating_sub(self.played) as u32)
+    }
+
+    /// The logical pose at the end of what was generated.
+    pub fn pose(&self) -> FinePose {
+        let mut pose = self.base;
+        for (slot, running) in self.tracks.iter().enumerate() {
+            if self.running >> slot & 1 != 0 {
+                let by = running.track.contribution(self.segment.wrapping_sub(running.start) as u32, &mut 0);
+                for (pose, by) in pose.0.iter_mut().zip(by) {
+                    *pose = pose.wrapping_add(by);
+                }
+            }
+        }
+        pose
     }
 
     /// The unrounded motor positions, overlay and one half included, at the end of what was generated: for tests

@@ -52,6 +52,10 @@ impl Generator {
                 }
                 None => false,
             },
+            Action::Compare(compare) => {
+                self.compare(*compare);
+                true
+            }
             _ if !at_rest => false,
             Action::Law(law) => {
                 self.law = *law;
@@ -92,6 +96,7 @@ impl Generator {
     /// Stands at a pose with these counts (overlay left out); no motor moves.
     pub(super) fn anchor(&mut self, pose: FinePose, steps: MotorSteps) {
         self.base = pose;
+        self.compare_from(&pose);
         let law = self.law.motors(&pose, &mut self.remembered);
         for (motor, (law, steps)) in self.motors.iter_mut().zip(law.0.into_iter().zip(steps.0)) {
             let now = &mut motor.now;

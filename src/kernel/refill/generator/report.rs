@@ -20,10 +20,12 @@ impl Generator {
             Some(start) => {
                 let place = place_of(played);
                 self.count(|motor| &motor.starts[place], report);
+                report.pulsed = start.pulsed;
                 &start.flags
             }
             None => {
                 self.count_now(report);
+                report.pulsed = self.comparing.pulsed;
                 &self.flags
             }
         };
