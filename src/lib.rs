@@ -38,4 +38,5 @@ pub mod store;
 pub mod tasks;
 pub mod trace;
 
-pub use stage_kernel::{compensation, error, motion, refill, stepgen, units, wire};
+pub use stage_kernel::{compensation, error, motion, units, wire};
+pub use stage_words::{refill, stepgen};
