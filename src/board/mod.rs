@@ -4,6 +4,7 @@ pub mod adc;
 pub mod backup;
 pub mod clock;
 pub mod critical;
+mod division;
 pub mod faults;
 pub mod flash;
 pub mod gpio;
