@@ -6,9 +6,12 @@ use stage_controller::units::wide;
 
 /// Quotient and remainder.
 extern "C" fn divide(dividend: u64, divisor: u64, remainder: &mut u64) -> u64 {
-    let (quotient, rest) = wide::div_rem(dividend.into(), divisor.into());
-    *remainder = rest as u64;
-    quotient as u64
+    let quotient = match u32::try_from(divisor) {
+        Ok(divisor) => wide::over_word(dividend, divisor),
+        Err(_) => wide::div(dividend.into(), divisor.into()) as u64,
+    };
+    *remainder = dividend.wrapping_sub(quotient.wrapping_mul(divisor));
+    quotient
 }
 
 /// Quotient, rounded towards zero, and remainder, which has the sign of the dividend.

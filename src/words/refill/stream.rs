@@ -223,7 +223,7 @@ impl Stream {
     #[inline(never)]
     fn latch(&mut self, halt: Halt) {
         let next = self.generator.next_segment();
-        self.generator.abort(next, 0, &[0; SEGMENT_TICKS]);
+        self.generator.abort(next, 0, &[]);
         self.halt = halt;
         self.state = State::Latched;
     }
