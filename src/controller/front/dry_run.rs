@@ -36,10 +36,7 @@ impl Front {
         self.armed()?;
         self.not_homing()?;
         self.not_scanning()?;
-        for axis in Axis::ALL {
-            self.ready(axis)?;
-        }
-        let target = self.pose_in_range(target)?;
+        let target = self.homed_pose(target)?;
         let from = self.commanded();
         let over = self.overshoot(from, target);
         let mut plays = [Play::default(); AXES];

@@ -8,6 +8,7 @@ use crate::units::{AXES, Axis, Pose, SEGMENT_NS, wide};
 impl Front {
     /// While an immediate stop is carried out, nobody knows yet from where a move would start; a take-up on command
     /// is not to be disturbed.
+    #[inline(never)]
     fn free_to_move(&self) -> Result<(), Error> {
         self.not_homing()?;
         self.not_scanning()?;
@@ -77,10 +78,7 @@ impl Front {
     /// 103, 101, 109, 108, 102, -222: nothing moves.
     pub fn pose_absolute(&mut self, target: [i64; AXES]) -> Result<(), Error> {
         self.armed()?;
-        for axis in Axis::ALL {
-            self.ready(axis)?;
-        }
-        let target = self.pose_in_range(target)?;
+        let target = self.homed_pose(target)?;
         self.go(target)
     }
 
@@ -107,6 +105,16 @@ impl Front {
         }
         self.jog_links = [None; AXES];
         Ok(())
+    }
+
+    /// A pose to which a stage may go that is homed.
+    ///
+    /// # Errors
+    /// 101, 109, 108, -222.
+    #[inline(never)]
+    pub(super) fn homed_pose(&self, pose: [i64; AXES]) -> Result<Pose, Error> {
+        Axis::ALL.into_iter().try_for_each(|axis| self.ready(axis))?;
+        self.pose_in_range(pose)
     }
 
     pub(super) fn pose_in_range(&self, pose: [i64; AXES]) -> Result<Pose, Error> {

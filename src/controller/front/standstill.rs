@@ -42,7 +42,7 @@ impl Front {
             }
             steps.0[i] = steps.0[i].wrapping_add(by as i32);
         }
-        if law.steps(law.forward(steps)) != steps {
+        if !law.names(steps) {
             return Err(Error::axis(ErrorNumber::DataOutOfRange, axis));
         }
         self.homed[i] = true;

@@ -203,7 +203,7 @@ impl Front {
     /// 103 while the emergency stop is latched, -213 while a scan or a homing runs, 104 while moving, -221 when it is not
     /// defined or its steps are smaller than the play, 108, 102 and -222 as moves: nothing moves then.
     pub fn start_scan(&mut self, id: usize) -> Result<(), Error> {
-        self.free_to_scan()?;
+        self.free_to_begin()?;
         let definition = *self.scan_definition(id)?;
         let start = self.commanded();
         if let Some(memory) = self.light.get_mut() {
@@ -223,7 +223,10 @@ impl Front {
         Ok(())
     }
 
-    fn free_to_scan(&self) -> Result<(), Error> {
+    /// # Errors
+    /// 103 while the emergency stop is latched, -213 while a scan or a homing runs, 104 while moving.
+    #[inline(never)]
+    pub(super) fn free_to_begin(&self) -> Result<(), Error> {
         self.armed()?;
         self.not_homing()?;
         self.not_scanning()?;
@@ -258,7 +261,7 @@ impl Front {
     /// # Errors
     /// -221 when there is none; those of [`Front::start_scan`].
     pub fn continue_stopped_scan(&mut self) -> Result<(), Error> {
-        self.free_to_scan()?;
+        self.free_to_begin()?;
         if self.light.scan().is_none() {
             return Err(Error::text(ErrorNumber::SettingsConflict, "no stopped scan"));
         }

@@ -97,7 +97,7 @@ impl Generator {
     pub(super) fn anchor(&mut self, pose: FinePose, steps: MotorSteps) {
         self.base = pose;
         self.compare_from(&pose);
-        let law = self.law.motors(&pose, &mut self.remembered);
+        let law = self.law.targets(&pose, &mut self.remembered);
         for (motor, (law, steps)) in self.motors.iter_mut().zip(law.0.into_iter().zip(steps.0)) {
             let now = &mut motor.now;
             let count = i64::from(steps);
