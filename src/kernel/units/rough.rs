@@ -165,7 +165,7 @@ impl Rough {
     }
 
     /// Not above, and whether it is exact.
-    #[inline(always)]
+    #[inline(never)]
     const fn quotient(self, by: Rough) -> (Rough, bool) {
         if by.mantissa == 0 {
             return (Rough::INFINITE, true);
