@@ -84,6 +84,7 @@ pub struct Session {
 
 impl Session {
     /// A link as after power-up. `link` is handed to the instrument.
+    #[inline(never)]
     pub const fn new(link: u8) -> Self {
         Session {
             link,
