@@ -79,7 +79,7 @@ fn a_mean_is_that_of_the_light() {
 fn the_switch_tells_where_it_stands_and_reset_brings_it_back() {
     let mut meter = Meter::new(&Options::default());
     assert_eq!(meter.ask("ROUT:CLOS? 1;CLOS? 2"), "1;8\n");
-    assert_eq!(meter.ask("route:close 1,3;:rout:clos 2,detector;*OPC?;ROUT:CLOS? 1;CLOS? 2"), "1;3;DET\n");
+    assert_eq!(meter.ask("route:close 1,3;:rout:clos 2,detector;*OPC?;CLOS? 1;CLOS? 2"), "1;3;DET\n");
     assert_eq!(meter.ask("*RST;ROUT:CLOS? 1;:ROUT:CLOS? 2"), "1;8\n");
     assert_eq!(meter.ask("SYST:ERR?"), "0,\"No error\"\n");
 }
