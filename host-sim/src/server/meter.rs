@@ -27,7 +27,7 @@ impl Client {
             self.stream.offer(|bytes| self.session.receive(bytes));
             let progress = self.session.poll(&mut rig.bench, tick);
             let state = self.stream.drain(|to| self.session.transmit(to));
-            if state != State::Open || !progress && !(self.stream.has_input() && !self.session.is_busy()) {
+            if state != State::Open || !progress {
                 return state;
             }
         }

@@ -10,7 +10,7 @@ use crate::flash::Flash;
 use crate::machine::Machine;
 use mio::net::{TcpListener, TcpStream};
 use mio::unix::SourceFd;
-use mio::{Interest, Poll, Registry, Token};
+use mio::{Interest, Poll, Token};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use stage_controller::refill::safety::Inputs;
@@ -77,7 +77,6 @@ pub struct Station {
     pty: Option<Terminal>,
     pace: Pace,
     seen: Seen,
-    registry: Registry,
 }
 
 impl Station {
@@ -113,7 +112,6 @@ impl Station {
             pty,
             pace: Pace::new(options.speed),
             seen: Seen::default(),
-            registry: poll.registry().try_clone()?,
         })
     }
 
@@ -164,12 +162,10 @@ impl Station {
     }
 
     fn accept(&mut self, now_ms: u64) {
-        while let Ok((mut stream, _)) = self.listener.accept() {
+        while let Ok((stream, _)) = self.listener.accept() {
             // without a link number left the socket is closed at once
             if let Some(link) = self.links.open(now_ms) {
                 let _ = stream.set_nodelay(true);
-                // without it the server is only slower to hear
-                let _ = self.registry.register(&mut stream, TOKEN, Interest::READABLE);
                 self.clients.push(Client { link, stream: Stream::new(stream), leaving: false });
             }
         }
