@@ -5,7 +5,7 @@ Lengths in um, angles in degrees, powers in dBm. Of the optics it knows what dat
 import math, sys, pyvisa
 
 PITCH, REACH = 250, 152.3  # of the fibres, towards -x; gap that costs 3 dB: pi n (w1^2 + w2^2) / wavelength
-LASER, DARK, SEARCH = 0, -52, 26  # power in the input fibre; what counts as light, and how wide it is looked for
+LASER, DARK, SEARCH = 0, -52, 72  # power in the input fibre; what counts as light, and how wide it is looked for
 BACK, GAP, STEP = 60, 13, 1.5  # to draw back before anything turns; gap that is wanted; to either side of a peak
 
 def run(stage, command):  # waits until all that it begins has ended; an error ends the program
@@ -69,11 +69,11 @@ source.side, array.side = "input", "output"
 for stage in source, array:
     run(stage, "SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US;:SENS2:INP LOG,20,-60;RANG 2.9;DEL 36 US")
 print("first light")
-for stage in array, source:
-    if read()[0] < DARK:
+for stage, light in (source, "DET"), (array, 1):  # the input first, with the large-area detector behind the chip
+    if read(light)[0] < DARK:
         stage.write(f"SCAN:DEF:SPIR 0,1,1,2,{SEARCH},0.4,8,{DARK},FIRS;:SCAN:STAR 0")
         print(f"  {stage.side} side searched:", stage.query("*OPC?;:SYST:ERR?"))
-peaks(SEARCH, array, source)
+    peaks(SEARCH, stage)
 print("pitch and yaw about the fibre, drawn back")
 for stage in source, array:
     move(stage, z=-BACK)
