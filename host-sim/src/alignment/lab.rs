@@ -10,6 +10,7 @@ use crate::bench_twin::{Bench, Sees, Side};
 use crate::board::{Board, Interleaving};
 use crate::console::Console;
 use crate::machine::Machine;
+use crate::rig::Rig;
 use crate::session::power_up;
 use stage_controller::units::SEGMENT_NS;
 use std::collections::VecDeque;
@@ -87,9 +88,8 @@ const LOOK_SEGMENTS: u64 = 10_000_000 / SEGMENT_NS;
 
 /// Two boards before one chip.
 pub struct Lab {
-    bench: Bench,
+    rig: Rig,
     stages: [Stage; 2],
-    segments: u64,
     onlooker: Option<Onlooker>,
 }
 
@@ -112,19 +112,14 @@ impl Lab {
             })
         };
         let stages = [stage(Side::Input)?, stage(Side::Output)?];
-        Ok(Lab { bench, stages, segments: 0, onlooker: None })
+        Ok(Lab { rig: Rig::new(bench), stages, onlooker: None })
     }
 
     /// One segment of virtual time.
     pub fn step(&mut self) {
         self.stages.iter_mut().for_each(Stage::step);
-        self.segments += 1;
-        self.bench.light(self.tick(), self.poses());
-        for side in Side::BOTH {
-            let codes = self.bench.codes(side);
-            self.stages[side.index()].console.board.set_power(codes);
-        }
-        if self.segments.is_multiple_of(LOOK_SEGMENTS) {
+        self.rig.border(self.stages.each_mut().map(|stage| &mut stage.console.board));
+        if self.rig.segments().is_multiple_of(LOOK_SEGMENTS) {
             self.look_on();
         }
     }
@@ -137,15 +132,15 @@ impl Lab {
     fn look_on(&mut self) {
         let Some(onlooker) = &mut self.onlooker else { return };
         onlooker(&Moment {
-            seconds: self.segments as f64 * SEGMENT_NS as f64 * 1e-9,
-            levels_dbm: self.bench.readings(),
+            seconds: self.rig.tick() as f64 * 1e-6,
+            levels_dbm: self.rig.bench.readings(),
             poses: self.stages.each_ref().map(|stage| stage.console.board.front.position().0),
         });
     }
 
     /// Ticks of 1 us since the beginning.
     pub fn tick(&self) -> u64 {
-        self.segments * SEGMENT_NS / 1000
+        self.rig.tick()
     }
 
     /// True poses of both stages, nm and nrad.
@@ -155,17 +150,17 @@ impl Lab {
 
     /// Insertion loss of every channel where the stages stand now, dB.
     pub fn losses(&self) -> Vec<f64> {
-        self.bench.losses(self.tick(), &self.poses())
+        self.rig.bench.losses(self.tick(), &self.poses())
     }
 
     /// The bench.
     pub fn bench(&self) -> &Bench {
-        &self.bench
+        &self.rig.bench
     }
 
     /// The bench, to break something.
     pub fn bench_mut(&mut self) -> &mut Bench {
-        &mut self.bench
+        &mut self.rig.bench
     }
 
     /// The board of a side.
@@ -197,19 +192,19 @@ impl Bus for Lab {
                 return Err(BusError::Silent { side, message: message.into(), seconds: patience_s });
             }
             self.step();
-            self.bench.check()?;
+            self.rig.bench.check()?;
         }
     }
 
     fn look(&mut self, channel: usize, sees: Sees) {
-        self.bench.connect(channel, sees);
+        self.rig.bench.connect(channel, sees);
     }
 
     fn pause(&mut self, seconds: f64) -> Result<(), BusError> {
         let until = self.seconds() + seconds;
         while self.seconds() < until {
             self.step();
-            self.bench.check()?;
+            self.rig.bench.check()?;
         }
         Ok(())
     }

@@ -289,6 +289,11 @@ impl Session {
         self.out.is_available()
     }
 
+    /// A message is held up: by motion, or by a reading that is not there yet.
+    pub fn is_waiting(&self) -> bool {
+        self.busy && !self.has_output()
+    }
+
     /// Queues a device event, which goes to every link.
     pub fn report(&mut self, error: Error) {
         self.status.report(error);
