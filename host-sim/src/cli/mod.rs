@@ -3,6 +3,7 @@
 mod bench;
 mod calibrate;
 mod common;
+mod experiment;
 mod field;
 mod identify;
 mod load;
@@ -42,6 +43,7 @@ enum Command {
     Report(report::Args),
     Trace(trace::Args),
     Bench(bench::Args),
+    Experiment(experiment::Args),
     Topology(topology::Args),
     Sensitivity(sensitivity::Args),
     Field(field::Args),
@@ -88,6 +90,7 @@ pub fn main() -> ExitCode {
         Command::Report(args) => args.run(),
         Command::Trace(args) => args.run(),
         Command::Bench(args) => args.run(),
+        Command::Experiment(args) => args.run(),
         Command::Topology(args) => args.run(),
         Command::Sensitivity(args) => args.run(),
         Command::Field(args) => args.run(),
