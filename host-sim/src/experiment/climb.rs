@@ -57,6 +57,8 @@ pub struct Log {
     pub moves: usize,
     /// Readings of the light.
     pub readings: usize,
+    /// After every turn it went back to the peak in x and y.
+    pub repeaked: bool,
 }
 
 impl Log {
@@ -70,9 +72,9 @@ impl Log {
         tail.collect::<Vec<_>>().into_iter().rev()
     }
 
-    /// Probes of angles.
+    /// Probes of angles right after the turn; none where it went back to the peak first.
     pub fn turns(&self) -> impl Iterator<Item = &Probe> {
-        self.probes.iter().filter(|probe| probe.at.axis.is_rotary())
+        self.probes.iter().filter(|probe| !self.repeaked && probe.at.axis.is_rotary())
     }
 }
 
@@ -86,15 +88,19 @@ pub fn climb<B: Witness>(bus: &mut B, setup: &[String], step_um: f64, log: &mut 
     climber.passes([Axis::X, Axis::Y], step_um)
 }
 
-/// Climbs in x and y, then in pitch and yaw without going back to the peak, closes the gap, climbs in x and y again.
+/// Climbs in x and y, then in pitch and yaw, closes the gap, climbs in x and y again. `repeak`: after every turn it goes
+/// back to the peak of that side in x and y before it reads.
 ///
 /// # Errors
 /// Those of the bus; what was done so far is in the log.
-pub fn angle_climb<B: Witness>(bus: &mut B, setup: &[String], log: &mut Log) -> Result<(), BusError> {
+pub fn angle_climb<B: Witness>(bus: &mut B, setup: &[String], repeak: bool, log: &mut Log) -> Result<(), BusError> {
     let mut climber = Climber::new(bus, log, 1);
     climber.prepare(setup)?;
     climber.passes([Axis::X, Axis::Y], FREE_STEP_UM)?;
+    climber.repeak = repeak;
+    climber.log.repeaked = repeak;
     climber.passes([Axis::Alpha, Axis::Beta], ANGLE_STEP_DEG)?;
+    climber.repeak = false;
     for side in Side::BOTH {
         let along = climber.bus.gap_um(side) - GAP_UM;
         climber.step(Coordinate { side, axis: Axis::Z }, along)?;
@@ -106,11 +112,13 @@ struct Climber<'a, B> {
     bus: &'a mut B,
     log: &'a mut Log,
     patience: usize,
+    /// Back to the peak in x and y after every turn.
+    repeak: bool,
 }
 
 impl<'a, B: Witness> Climber<'a, B> {
     fn new(bus: &'a mut B, log: &'a mut Log, patience: usize) -> Self {
-        Climber { bus, log, patience }
+        Climber { bus, log, patience, repeak: false }
     }
 
     fn prepare(&mut self, setup: &[String]) -> Result<(), BusError> {
@@ -137,11 +145,25 @@ impl<'a, B: Witness> Climber<'a, B> {
         Controller::new(self.bus, at.side).move_by(way)
     }
 
+    /// A step, and after a turn to the peak in x and y again where that is wanted.
+    fn go(&mut self, at: Coordinate, by: f64) -> Result<(), BusError> {
+        self.step(at, by)?;
+        if self.repeak && at.axis.is_rotary() {
+            self.climb_over(&[at.side], [Axis::X, Axis::Y], FREE_STEP_UM)
+        } else {
+            Ok(())
+        }
+    }
+
     /// Passes over some axes of both sides until one gains too little.
     fn passes(&mut self, axes: [Axis; 2], step: f64) -> Result<(), BusError> {
+        self.climb_over(&[Side::Output, Side::Input], axes, step)
+    }
+
+    fn climb_over(&mut self, sides: &[Side], axes: [Axis; 2], step: f64) -> Result<(), BusError> {
         let mut level = self.read()?.0;
         for pass in 0..MOST_PASSES {
-            for side in [Side::Output, Side::Input] {
+            for &side in sides {
                 for axis in axes {
                     self.along(Coordinate { side, axis }, step, pass)?;
                 }
@@ -166,7 +188,7 @@ impl<'a, B: Witness> Climber<'a, B> {
             let mut misses = 0;
             while misses < self.patience {
                 let next = top + direction * (misses + 1) as f64;
-                self.step(at, (next - here) * step)?;
+                self.go(at, (next - here) * step)?;
                 let (now, after) = self.read()?;
                 let taken = now > level;
                 self.log.probes.push(Probe { at, way: (next - top) * step, pass, taken, best, before, after });
@@ -181,6 +203,6 @@ impl<'a, B: Witness> Climber<'a, B> {
                 break;
             }
         }
-        if here != top { self.step(at, (top - here) * step) } else { Ok(()) }
+        if here != top { self.go(at, (top - here) * step) } else { Ok(()) }
     }
 }

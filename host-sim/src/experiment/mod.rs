@@ -17,7 +17,7 @@ mod tables;
 pub mod witness;
 
 pub use climb::Log;
-pub use findings::Finding;
+pub use findings::{Finding, Topic};
 pub use page::render;
 pub use run::{Climbed, Failure, IN_TIME_S, NEAR_ENOUGH_DB, Prepared, Run, bench};
 pub use search::{NEAR, STEPS_UM, Search, TILTED, switches};

@@ -157,7 +157,8 @@ fn go(lab: &mut Lab, search: Search, mode: Mode, log: &mut Log) -> (Result<(), B
     options.setup.extend(switches(mode));
     let end = match search {
         Search::Climb { step_um } => climb(lab, &options.setup, step_um, log),
-        Search::AngleClimb => angle_climb(lab, &options.setup, log),
+        Search::AngleClimb => angle_climb(lab, &options.setup, false, log),
+        Search::AngleClimbRepeaked => angle_climb(lab, &options.setup, true, log),
         Search::Robust | Search::RobustNear => align(lab, &options, &mut |_| ()).map(|_| ()),
     };
     // nothing ran before the search began

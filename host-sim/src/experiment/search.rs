@@ -20,6 +20,8 @@ pub enum Search {
     },
     /// x and y, then pitch and yaw without going back to the peak, gap, x and y.
     AngleClimb,
+    /// The same, but back to the peak in x and y after every turn.
+    AngleClimbRepeaked,
     /// The project's own alignment, from where the climb begins.
     RobustNear,
     /// The same, from what cameras leave.
@@ -30,7 +32,10 @@ impl Search {
     /// All of the experiment.
     pub fn all() -> Vec<Search> {
         let climbs = STEPS_UM.map(|step_um| Search::Climb { step_um });
-        climbs.into_iter().chain([Search::AngleClimb, Search::RobustNear, Search::Robust]).collect()
+        climbs
+            .into_iter()
+            .chain([Search::AngleClimb, Search::AngleClimbRepeaked, Search::RobustNear, Search::Robust])
+            .collect()
     }
 
     /// Its name in JSON.
@@ -38,6 +43,7 @@ impl Search {
         match self {
             Search::Climb { step_um } => format!("climb_{step_um:.1}"),
             Search::AngleClimb => "angle_climb".into(),
+            Search::AngleClimbRepeaked => "angle_climb_repeaked".into(),
             Search::RobustNear => "robust_near".into(),
             Search::Robust => "robust".into(),
         }
@@ -48,6 +54,7 @@ impl Search {
         match self {
             Search::Climb { step_um } => format!("climb, {step_um:.1} um"),
             Search::AngleClimb => "angle climb".into(),
+            Search::AngleClimbRepeaked => "angle climb, re-peaked".into(),
             Search::RobustNear => "robust, start near".into(),
             Search::Robust => "robust, start cameras".into(),
         }
@@ -57,7 +64,7 @@ impl Search {
     pub fn start(self) -> Start {
         match self {
             Search::Climb { .. } | Search::RobustNear => NEAR,
-            Search::AngleClimb => TILTED,
+            Search::AngleClimb | Search::AngleClimbRepeaked => TILTED,
             Search::Robust => Start::CAMERAS,
         }
     }
