@@ -1,6 +1,7 @@
 //! `host-sim experiment`: what compensation is worth in light.
 
 use super::Failure;
+use super::bench::Clocks;
 use super::common::{replace, say, say_json, with_progress, writable};
 use crate::experiment::{Experiment, Prepared, Run, Search, render, tables};
 use crate::report::Mode;
@@ -29,14 +30,16 @@ impl Args {
         if let Some(path) = &self.output {
             writable(path)?;
         }
-        let (wall, simulated) = one_alignment().map_err(Failure::Refused)?;
+        let (took, simulated) = one_alignment().map_err(Failure::Refused)?;
         let begun = Instant::now();
         let experiment = with_progress(Experiment::progress_steps(self.seeds), "runs", |progress| {
             Experiment::new(self.seeds, progress)
         })
         .map_err(Failure::Refused)?;
         eprintln!(
-            "one full alignment on one core: {wall:.2} s for {simulated:.1} s simulated; {} runs in {:.0} s on {} cores",
+            "one full alignment ({simulated:.1} s simulated): {:.2} s by the clock{}; {} runs in {:.0} s on {} cores",
+            took.wall_s,
+            took.cpu_s.map_or(String::new(), |cpu| format!(", {cpu:.2} s of one core")),
             experiment.runs.len(),
             begun.elapsed().as_secs_f64(),
             rayon::current_num_threads()
@@ -52,10 +55,11 @@ impl Args {
     }
 }
 
-/// Wall time of one alignment by the robust search with everything on, s, and its simulated time, s.
-fn one_alignment() -> Result<(f64, f64), String> {
+/// What one alignment by the robust search with everything on takes, and its simulated time, s.
+fn one_alignment() -> Result<(Clocks, f64), String> {
     let prepared = Prepared::new(1)?;
-    let begun = Instant::now();
+    let begin = Instant::now();
+    let before = Clocks::now(begin);
     let run = Run::new(&prepared, Search::Robust, Mode::All)?;
-    Ok((begun.elapsed().as_secs_f64(), run.seconds))
+    Ok((Clocks::now(begin).since(before), run.seconds))
 }

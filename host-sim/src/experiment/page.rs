@@ -1,7 +1,7 @@
 //! The page: one self-contained HTML file.
 
 use super::findings::{Finding, Topic};
-use super::tables::{ROWS, failures, number};
+use super::tables::{ROWS, failures, mechanisms, number};
 use super::{Experiment, PAPER, Search, plots};
 use crate::report::Mode;
 use crate::report::page::{STYLE, Section, Swatch, caption, legend};
@@ -97,7 +97,7 @@ fn table(e: &Experiment, mode: Mode, number_in_paper: usize) -> Section {
                             td { (number(of(&group.uniformity_db), 2)) }
                             td { (number(of(&group.seconds), 1)) }
                             td { @if let Some(slow) = group.slow_seconds { (number(of(&slow), 0)) } }
-                            td.left { @if k == 0 { (failures(group)) } }
+                            td.left.words { @if k == 0 { (failures(group)) } }
                         }
                     }
                 }
@@ -141,7 +141,7 @@ fn times(e: &Experiment) -> Section {
         figure {
             (legend(Swatch::Bar, &names()))
             (plots::times(e))
-            figcaption { "Simulated time with the moves and messages as they are: stages of 2 mm/s, serial lines of 115 200 baud." }
+            figcaption { "Simulated time with the moves and messages as they are: stages of 2 mm/s, serial lines of 115 200 baud; on a logarithmic scale." }
         }
     };
     Section { id: "times", title: "Time", body }
@@ -162,13 +162,13 @@ fn every(e: &Experiment) -> Section {
                 @for group in &e.groups {
                     tr {
                         th { @if group.compensation == Mode::None { (group.of.words()) } }
-                        td.left { (group.compensation.words()) }
+                        td.left.words { (group.compensation.words()) }
                         @for q in [group.above_optimum_db, group.uniformity_above_optimum_db] { td { (number(q.median, 3)) } td { (number(q.p90, 3)) } }
                         td { @if group.compensation != Mode::None { (number(group.gain_db.median, 3)) } }
                         td { @if group.compensation != Mode::None { (group.better_worse[0]) " / " (group.better_worse[1]) } }
                         td { (number(group.seconds.median, 1)) } td { (number(group.seconds.p90, 1)) }
-                        @if group.of.is_robust() { td {} td {} } @else { td { (group.trapped) } td { (group.confounded) } }
-                        td.left { (failures(group)) }
+                        @for told in mechanisms(group) { td { (told) } }
+                        td.left.words { (failures(group)) }
                     }
                 }
             }

@@ -36,7 +36,7 @@ pub(super) fn times(e: &Experiment) -> Markup {
         "Simulated time, by search and compensation",
         "simulated time, s",
         None,
-        |range| Scale::with_zero([0.0, most], range),
+        |range| Scale::decades([1.0, most], range),
         |run| run.seconds,
     )
 }
@@ -52,7 +52,7 @@ fn strips(
 ) -> Markup {
     let group = Mode::ALL.len() as f64 * ROW + 12.0;
     let searches = Search::all();
-    let frame = Frame { x: [170.0, WIDTH - 110.0], y: [searches.len() as f64 * group + 6.0, 0.0] };
+    let frame = Frame { x: [190.0, WIDTH - 120.0], y: [searches.len() as f64 * group + 6.0, 0.0] };
     let across = scale(frame.x);
     let content = html! {
         @for (value, name) in across.ticks() {
@@ -85,8 +85,9 @@ fn strip(runs: &[&Run], mode: Mode, across: &Scale, value: &impl Fn(&Run) -> f64
                     (dot("bar", [across.at(value(run)), y + ((n as f64 * 0.618).fract() - 0.5) * 0.6 * ROW], 1.6))
                 }
             }
-            @if let Some((low, high)) = q.p10.zip(q.p90) {
-                (line("thin", [across.at(low), y], [across.at(high), y]))
+            @if let Some(low) = q.p10 {
+                // without a 90th percentile it goes on to where there is no end
+                (line("thin", [across.at(low), y], [q.p90.map_or(right, |high| across.at(high)), y]))
             }
             @if let Some(median) = q.median {
                 (rectangle("bar", [across.at(median) - 1.5, y - 6.0], [across.at(median) + 1.5, y + 6.0]))

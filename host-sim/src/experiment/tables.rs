@@ -29,6 +29,13 @@ pub(super) fn failures(group: &Group) -> String {
     if parts.is_empty() { "0".into() } else { parts.join(", ") }
 }
 
+/// How many runs were trapped in play and confounded by the pivot; empty where that is not told.
+pub(super) fn mechanisms(group: &Group) -> [String; 2] {
+    let told = |n: usize, is: bool| if is { n.to_string() } else { String::new() };
+    let climb = !group.of.is_robust();
+    [told(group.trapped, climb), told(group.confounded, climb && group.of != Search::AngleClimbRepeaked)]
+}
+
 /// All tables.
 pub fn tables(experiment: &Experiment) -> String {
     let mut text = String::new();
@@ -99,11 +106,11 @@ fn by_mode(text: &mut String, experiment: &Experiment) {
     );
     let _ = writeln!(text, "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|");
     for group in &experiment.groups {
-        let told = |n: usize| if group.of.is_robust() { String::new() } else { n.to_string() };
+        let [trapped, confounded] = mechanisms(group);
         let [better, worse] = group.better_worse;
         let _ = writeln!(
             text,
-            "| {} | {} | {} | {} | {} | {} | {} | {better} / {worse} | {} | {} | {} | {} | {} |",
+            "| {} | {} | {} | {} | {} | {} | {} | {better} / {worse} | {} | {} | {trapped} | {confounded} | {} |",
             group.of.words(),
             group.compensation.name(),
             number(group.above_optimum_db.median, 3),
@@ -113,8 +120,6 @@ fn by_mode(text: &mut String, experiment: &Experiment) {
             number(group.gain_db.median, 3),
             number(group.seconds.median, 1),
             number(group.seconds.p90, 1),
-            told(group.trapped),
-            told(group.confounded),
             failures(group)
         );
     }
