@@ -1,17 +1,16 @@
 //! The experiment: what compensation is worth in light, for a naive climb and for a robust search.
 
+use host_sim::bench_twin::Side;
 use host_sim::experiment::climb::{Coordinate, Log, Probe};
 use host_sim::experiment::mechanism::{Mechanisms, carried_um, mechanisms};
 use host_sim::experiment::witness::Snapshot;
-use host_sim::experiment::{Experiment, Prepared, Quantiles, Run, STEPS_UM, Search, groups};
+use host_sim::experiment::{Experiment, Prepared, Quantiles, Run, STEPS_UM, Search, bench, groups};
 use host_sim::report::Mode;
 use rayon::prelude::*;
 use serde_json::Value;
 use stage_controller::units::Axis;
 use std::path::Path;
 use std::process::Command;
-
-use host_sim::bench_twin::Side;
 
 const PLAY_UM: f64 = 0.3;
 
@@ -41,6 +40,24 @@ fn trapped(runs: &[&Run]) -> usize {
 
 fn median(values: impl Iterator<Item = f64>) -> f64 {
     Quantiles::of(values.map(Some)).median.unwrap()
+}
+
+#[test]
+fn every_search_of_a_seed_has_the_same_stages_and_the_same_optimum() {
+    for seed in [2, 5] {
+        let benches = [Search::Robust, Search::RobustNear, Search::AngleClimb].map(|search| bench(seed, search));
+        let [cameras, near, tilted] = benches.each_ref().map(|bench| bench.optimum());
+        for other in [near, tilted] {
+            assert!((other.worst_db - cameras.worst_db).abs() < 5e-4, "{} {}", other.worst_db, cameras.worst_db);
+        }
+        for side in Side::BOTH {
+            assert_eq!(benches[0].machine(side), benches[1].machine(side));
+            assert_eq!(benches[0].machine(side), benches[2].machine(side));
+            let straight = benches[1].seat(side);
+            assert!(straight[..2].iter().all(|nm| nm.abs() <= 3000.0), "{straight:?}");
+            assert!(benches[2].seat(side) != straight, "tilted");
+        }
+    }
 }
 
 #[test]
