@@ -30,7 +30,7 @@ fn climb(step_um: f64) -> Search {
     Search::Climb { step_um }
 }
 
-fn of<'a>(runs: &'a [Run], search: Search, mode: Mode) -> Vec<&'a Run> {
+fn of(runs: &[Run], search: Search, mode: Mode) -> Vec<&Run> {
     runs.iter().filter(|run| run.search == search.name() && run.compensation == mode).collect()
 }
 

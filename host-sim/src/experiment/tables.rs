@@ -18,8 +18,11 @@ pub(super) fn number(value: Option<f64>, decimals: usize) -> String {
     }
 }
 
+/// One of the percentiles.
+type Part = fn(&Quantiles) -> Option<f64>;
+
 /// Both percentiles of a row: median and 90th.
-pub(super) const ROWS: [(&str, fn(&Quantiles) -> Option<f64>); 2] = [("median", |q| q.median), ("90 %", |q| q.p90)];
+pub(super) const ROWS: [(&str, Part); 2] = [("median", |q| q.median), ("90 %", |q| q.p90)];
 
 /// Why runs failed, in a few words.
 pub(super) fn failures(group: &Group) -> String {
