@@ -8,6 +8,7 @@ pub mod calibrate;
 pub mod cli;
 pub mod console;
 pub mod control;
+pub mod experiment;
 pub mod flash;
 pub mod identify;
 pub mod machine;

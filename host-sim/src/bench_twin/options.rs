@@ -41,15 +41,17 @@ pub enum Sees {
 pub struct Start {
     /// Guide 0 beside the fibre point in x and in y: uniform within plus and minus this, um.
     pub lateral_um: f64,
-    /// The three angles: uniform within plus and minus this, degrees.
+    /// Pitch and yaw: uniform within plus and minus this, degrees.
     pub angle_deg: f64,
+    /// Roll: the same, degrees.
+    pub roll_deg: f64,
     /// Least distance of the corners of the faces: uniform, um.
     pub clearance_um: [f64; 2],
 }
 
 impl Start {
     /// What cameras leave: 10 um, 0.4 degrees, 15 to 30 um.
-    pub const CAMERAS: Start = Start { lateral_um: 10.0, angle_deg: 0.4, clearance_um: [15.0, 30.0] };
+    pub const CAMERAS: Start = Start { lateral_um: 10.0, angle_deg: 0.4, roll_deg: 0.4, clearance_um: [15.0, 30.0] };
     /// Three times as far aside.
     pub const COARSE: Start = Start { lateral_um: 30.0, ..Start::CAMERAS };
 }

@@ -42,7 +42,8 @@ impl Station {
             euler: Euler::new(&machine.order),
             home: truth.place([0.0; 6]).0,
             offset_um: [0; 2].map(|_| chance.within(start.lateral_um)),
-            angles_rad: [0; 3].map(|_| chance.within(start.angle_deg.to_radians())),
+            angles_rad: [start.angle_deg, start.angle_deg, start.roll_deg]
+                .map(|reach| chance.within(reach.to_radians())),
             clearance_um: chance.between(start.clearance_um),
             face: options.faces[side.index()],
             pair: Pair::new(options.guide, options.fibre, options.medium),

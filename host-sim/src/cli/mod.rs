@@ -4,6 +4,7 @@ mod align;
 mod bench;
 mod calibrate;
 mod common;
+mod experiment;
 mod field;
 mod identify;
 mod load;
@@ -44,6 +45,7 @@ enum Command {
     Trace(trace::Args),
     Align(align::Args),
     Bench(bench::Args),
+    Experiment(experiment::Args),
     Topology(topology::Args),
     Sensitivity(sensitivity::Args),
     Field(field::Args),
@@ -91,6 +93,7 @@ pub fn main() -> ExitCode {
         Command::Trace(args) => args.run(),
         Command::Align(args) => args.run(),
         Command::Bench(args) => args.run(),
+        Command::Experiment(args) => args.run(),
         Command::Topology(args) => args.run(),
         Command::Sensitivity(args) => args.run(),
         Command::Field(args) => args.run(),
