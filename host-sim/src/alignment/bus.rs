@@ -39,6 +39,14 @@ pub enum BusError {
         /// What should have come.
         wanted: &'static str,
     },
+    /// What was learned of a stage cannot be loaded.
+    #[error("{side:?} stage: {reason}")]
+    Calibration {
+        /// Whose.
+        side: Side,
+        /// What the calibration says.
+        reason: String,
+    },
     /// The bench is broken.
     #[error(transparent)]
     Collision(#[from] Collision),
@@ -51,6 +59,12 @@ pub trait Bus {
     /// # Errors
     /// When the link is lost.
     fn send(&mut self, side: Side, message: &str) -> Result<(), BusError>;
+
+    /// Sends a message that ends in block data (IEEE 488.2, 7.7.6).
+    ///
+    /// # Errors
+    /// When the link is lost.
+    fn send_block(&mut self, side: Side, message: &str, block: &[u8]) -> Result<(), BusError>;
 
     /// The next line that a controller answers, waited for this long (s).
     ///
@@ -122,6 +136,15 @@ impl<'a, B: Bus> Controller<'a, B> {
     pub fn run(&mut self, command: &str, patience_s: f64) -> Result<(), BusError> {
         self.begin(command)?;
         self.end(command, patience_s)
+    }
+
+    /// Loads a calibration.
+    ///
+    /// # Errors
+    /// Those of the bus; [`BusError::Refused`] for a block that the controller does not take.
+    pub fn load(&mut self, block: &[u8]) -> Result<(), BusError> {
+        self.bus.send_block(self.side, "COMP:LOAD ", block)?;
+        self.run("*WAI", AT_ONCE_S)
     }
 
     /// Sends a command whose end is waited for later.

@@ -1,5 +1,6 @@
 //! What the alignment program knows of fibre, chip and array: from their data sheets, nothing of the bench.
 
+use nalgebra::Complex;
 use std::f64::consts::PI;
 
 /// Data sheets.
@@ -44,6 +45,19 @@ impl Optics {
     /// Loss by a gap, dB; the fibre is on the axis.
     pub fn gap_db(&self, gap_um: f64) -> f64 {
         10.0 * (1.0 + (gap_um / self.reach_um()).powi(2)).log10()
+    }
+
+    /// How far aside a fibre that is turned about its end has its peak, um per rad, towards where its end looks: at a gap
+    /// it meets the guide's beam there, which runs apart.
+    pub fn lean_um(&self, gap_um: f64) -> f64 {
+        // overlap of two paraxial Gaussian beams, offset d and slope t: ln eta = 2 Re(b^2 / 4a) - 2 d^2 / wf^2 with
+        // a = 1 / wf^2 + ik / 2q and b = 2d / wf^2 + ikt; its maximum over d
+        let k = 2.0 * PI * self.index / self.wavelength_um;
+        let q = Complex::new(gap_um, PI * self.index * self.guide_um.powi(2) / self.wavelength_um);
+        let waist = self.fibre_um.powi(-2);
+        let inverse = (Complex::new(waist, 0.0) + Complex::new(0.0, 0.5 * k) / q).inv();
+        // ln eta = d^2 (2 waist^2 Re(1/a) - 2 waist) - 2 waist k t d Im(1/a) + ...
+        k * inverse.im / (2.0 * (waist * inverse.re - 1.0))
     }
 
     /// x of a channel (from 0) in the array, from the first one, um.

@@ -182,6 +182,16 @@ impl Bus for Lab {
         Ok(())
     }
 
+    fn send_block(&mut self, side: Side, message: &str, block: &[u8]) -> Result<(), BusError> {
+        let length = block.len().to_string();
+        let down = &mut self.stages[side.index()].down.bytes;
+        down.extend(message.bytes());
+        down.extend(format!("#{}{length}", length.len()).bytes());
+        down.extend(block);
+        down.push_back(b'\n');
+        Ok(())
+    }
+
     fn line(&mut self, side: Side, message: &str, patience_s: f64) -> Result<String, BusError> {
         let until = self.seconds() + patience_s;
         loop {

@@ -7,6 +7,7 @@
 mod bus;
 mod geometry;
 mod lab;
+mod learn;
 mod probe;
 mod program;
 mod scans;
@@ -15,6 +16,7 @@ mod view;
 pub use bus::{Bus, BusError, Controller};
 pub use geometry::{Optics, Peak, Shift, best_for_all};
 pub use lab::{Lab, Moment};
+pub use learn::{Learned, Told, learn};
 pub use program::{Alignment, Options, Step, align};
-pub use scans::{End, Found, Place, Scan};
+pub use scans::{End, Flank, Found, Place, Scan};
 pub use view::LiveLine;

@@ -87,7 +87,7 @@ pub struct Alignment {
 /// Those of the bus: no light, a dead channel, a limit, a lost link, a collision.
 pub fn align<B: Bus>(bus: &mut B, options: &Options, watch: &mut dyn FnMut(&Step)) -> Result<Alignment, BusError> {
     let began = bus.seconds();
-    let mut program = Program { bus, options, began, steps: Vec::new(), watch };
+    let mut program = Program::new(bus, options, watch);
     program.run()?;
     let levels_dbm = program.channels()?;
     let seconds = program.bus.seconds() - began;
@@ -111,18 +111,24 @@ pub(super) struct Program<'a, B> {
     watch: &'a mut dyn FnMut(&Step),
 }
 
-impl<B: Bus> Program<'_, B> {
+impl<'a, B: Bus> Program<'a, B> {
+    pub(super) fn new(bus: &'a mut B, options: &'a Options, watch: &'a mut dyn FnMut(&Step)) -> Self {
+        let began = bus.seconds();
+        Program { bus, options, began, steps: Vec::new(), watch }
+    }
+
     pub(super) fn at(&mut self, side: Side) -> Controller<'_, B> {
         Controller::new(self.bus, side)
     }
 
-    fn done(&mut self, name: impl Into<String>, level_dbm: Option<f64>) {
+    pub(super) fn done(&mut self, name: impl Into<String>, level_dbm: Option<f64>) {
         let step = Step { name: name.into(), seconds: self.bus.seconds() - self.began, level_dbm };
         (self.watch)(&step);
         self.steps.push(step);
     }
 
-    fn run(&mut self) -> Result<(), BusError> {
+    /// Light, far enough from the chip to turn.
+    pub(super) fn draw_back(&mut self) -> Result<(), BusError> {
         for side in Side::BOTH {
             let setup = self.options.setup.join(";:");
             self.at(side).run(&setup, 1.0)?;
@@ -131,7 +137,11 @@ impl<B: Bus> Program<'_, B> {
         let back = [0.0, 0.0, -self.options.retreat_um, 0.0, 0.0, 0.0];
         self.move_both([back; 2])?;
         self.average(CALM_AVERAGE)?;
-        self.peaks("peaks after drawing back")?;
+        self.peaks("peaks after drawing back")
+    }
+
+    fn run(&mut self) -> Result<(), BusError> {
+        self.draw_back()?;
         self.angles()?;
         self.roll()?;
         for side in Side::BOTH.into_iter().rev() {
@@ -184,7 +194,7 @@ impl<B: Bus> Program<'_, B> {
     }
 
     /// x and y of both sides by the first channel, from near.
-    fn peaks(&mut self, name: &str) -> Result<(), BusError> {
+    pub(super) fn peaks(&mut self, name: &str) -> Result<(), BusError> {
         let mut level = 0.0;
         for axis in [Axis::X, Axis::Y] {
             level = self.turn_to_peak(Side::BOTH.map(|side| Knob { side, axis }), PROBE_UM)?[0];
@@ -233,7 +243,7 @@ impl<B: Bus> Program<'_, B> {
     }
 
     /// Pitch and yaw of both sides with the pivots held.
-    fn angles(&mut self) -> Result<(), BusError> {
+    pub(super) fn angles(&mut self) -> Result<(), BusError> {
         let mut level = 0.0;
         for axis in [Axis::Alpha, Axis::Beta] {
             let knobs = Side::BOTH.map(|side| Knob { side, axis });
@@ -271,6 +281,14 @@ impl<B: Bus> Program<'_, B> {
 
     /// Finds how far the faces are apart, and goes as near as is wanted.
     fn gap(&mut self, side: Side) -> Result<(), BusError> {
+        let gap = self.measure_gap(side)?;
+        self.along(side, gap - self.options.gap_um)?;
+        self.done(format!("{side:?} side: {gap:.1} um were left, now {:.1}", self.options.gap_um), None);
+        Ok(())
+    }
+
+    /// The gap here, um, told by how the light falls on the way back.
+    pub(super) fn measure_gap(&mut self, side: Side) -> Result<f64, BusError> {
         let mut seen = Vec::new();
         let mut back = 0.0;
         for retreat in RETREATS_UM {
@@ -278,16 +296,10 @@ impl<B: Bus> Program<'_, B> {
             back = retreat;
             seen.push((retreat, self.calm_powers()?[0]));
         }
-        let Some(gap) = self.options.optics.gap_um(&seen) else {
-            return Err(self.at(side).strange(
-                "SENS1:POW?",
-                &format!("{seen:?}"),
-                "light that falls with the distance",
-            ));
-        };
-        self.along(side, back + gap - self.options.gap_um)?;
-        self.done(format!("{side:?} side: {gap:.1} um were left, now {:.1}", self.options.gap_um), None);
-        Ok(())
+        self.along(side, back)?;
+        let falls = "light that falls with the distance";
+        let gap = self.options.optics.gap_um(&seen);
+        gap.ok_or_else(|| self.at(side).strange("SENS1:POW?", &format!("{seen:?}"), falls))
     }
 
     /// Levels of all channels here.

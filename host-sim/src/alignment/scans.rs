@@ -53,6 +53,15 @@ impl End {
     }
 }
 
+/// The side of the play on which a motor rests.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flank {
+    /// Points are come to upwards.
+    Positive,
+    /// Points are come to downwards.
+    Negative,
+}
+
 /// A scan with its parameters. Channels count from 1, lengths in um or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scan {
@@ -83,6 +92,10 @@ pub enum Scan {
         points: usize,
         /// Level that counts as light, dBm.
         threshold_dbm: f64,
+        /// Where it ends.
+        end: End,
+        /// The flank on which every point is approached.
+        flank: Flank,
     },
     /// In x and y, until there is light.
     FirstLight {
@@ -108,8 +121,10 @@ impl Scan {
                 let n = number(axis);
                 format!("SCAN:DEF:LINE 0,{channel},{n},{range:.6},{pitch:.6},{threshold_dbm:.3},{}", end.word())
             }
-            Scan::Parabola { channel, axis, range, points, threshold_dbm } => {
-                format!("SCAN:DEF:PAR 0,{channel},{},{range:.6},{points},{threshold_dbm:.3},PEAK", number(axis))
+            Scan::Parabola { channel, axis, range, points, threshold_dbm, end, flank } => {
+                let (n, end) = (number(axis), end.word());
+                let flank = if flank == Flank::Positive { "POS" } else { "NEG" };
+                format!("SCAN:DEF:PAR 0,{channel},{n},{range:.6},{points},{threshold_dbm:.3},{end},{flank}")
             }
             Scan::FirstLight { channel, range, step, pitch, threshold_dbm } => {
                 format!("SCAN:DEF:SPIR 0,{channel},1,2,{range:.3},{pitch:.3},{step:.3},{threshold_dbm:.3},FIRS")
