@@ -10,6 +10,7 @@ pub mod console;
 pub mod control;
 pub mod flash;
 pub mod identify;
+pub mod light;
 pub mod machine;
 pub mod manual;
 pub mod measure;
