@@ -357,13 +357,13 @@ impl Board {
 
     /// The power inputs are read at the border that was just reached; their sample goes up behind the next one.
     fn sample(&mut self) {
-        let Report { played, counts, steps, taking_up, .. } = self.generator.report(self.played);
+        let Report { played, counts, steps, taking_up, moving, .. } = self.generator.report(self.played);
         let late = match self.interleaving {
             Interleaving::Prompt => 0,
             Interleaving::Jittered(most) => self.light.below(most + 1),
         };
         let due = self.samples.back().map_or(0, |(due, _)| *due).max(self.now + 1 + late);
-        self.samples.push_back((due, Sample { played, counts, steps, taking_up, power: self.power }));
+        self.samples.push_back((due, Sample { played, counts, steps, taking_up, moving, power: self.power }));
     }
 
     /// Reports and samples up, plans, orders down.

@@ -168,3 +168,52 @@ fn an_angle_is_scanned_about_the_held_pivot_on_machines_with_levers() {
         }
     }
 }
+
+/// Results, and what was recorded of them, of every kind of scan on a board whose halves interleave in one way or
+/// another.
+fn heard(interleaving: Interleaving, seed: u64, average: u32) -> Vec<String> {
+    let mut bench = Bench::of(&Machine::paper(), Spot::new([700.0, -400.0, 0.0]), seed, interleaving);
+    (bench.spot.noise, bench.spot.width) = (0.0, [4000.0, 3000.0, 500_000.0]);
+    bench.run(10);
+    bench.good(&format!("SENS:AVER {average}"));
+    let mut heard = Vec::new();
+    for definition in [
+        "LINE 0,1,1,12,0.2,-40,PEAK",
+        "LINE 0,1,2,12,0.2,-40,PEAK,NEG",
+        "RAST 0,1,1,2,8,6,0.2,3,-40,STAR",
+        "SPIR 0,1,1,2,8,0.3,2,-40,PEAK",
+        "SPIR 0,1,1,2,8,0.3,2,-6,FIRS",
+        "HILL 0,1,(@1,2),8,1.5,0.5,1,-40,STAR",
+        "PAR 0,1,1,6,5,-40,PEAK",
+    ] {
+        let from = if definition.contains("SPIR") { 3.5 } else { 0.0 };
+        bench.good(&format!("POSE {from},{from},0,0,0,0;*OPC?"));
+        bench.good(&format!("SCAN:DEF:{definition};:TRAC:CONF SCAN;ARM"));
+        bench.good("SCAN:STAR 0");
+        assert_eq!(bench.good("*OPC?"), "1");
+        let mut told =
+            format!("{definition}: {}", bench.good("SCAN:RES? 0;:AXIS1:POS:MOT?;:AXIS2:POS:MOT?;:TRAC:POIN?"));
+        let points: usize = told.rsplit(';').next().unwrap().parse().unwrap();
+        let records = bench.good(&format!("TRAC:DATA? 0,{}", points.min(40)));
+        // but for the tick
+        records
+            .split(',')
+            .collect::<Vec<_>>()
+            .chunks(9)
+            .for_each(|record| told += &format!("\n{}", record[1..].join(",")));
+        heard.push(told);
+    }
+    heard
+}
+
+#[test]
+fn what_a_scan_gives_does_not_depend_on_when_the_thread_hears_of_it() {
+    for average in [1, 5] {
+        let expected = heard(Interleaving::Prompt, 0, average);
+        for seed in 1..5 {
+            for (ours, expected) in heard(Interleaving::Jittered(4), seed, average).iter().zip(&expected) {
+                assert_eq!(ours, expected, "seed {seed}, average {average}");
+            }
+        }
+    }
+}

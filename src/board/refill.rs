@@ -259,9 +259,9 @@ fn TIM2() {
         REPORT.update(|report| {
             if let Some(sums) = light {
                 // of its border the last report tells
-                let Report { played, counts, steps, taking_up, .. } = *report;
+                let Report { played, counts, steps, taking_up, moving, .. } = *report;
                 let power = [sums as u16, (sums >> 16) as u16];
-                LIGHT.write(|| Sample { played, counts, steps, taking_up, power });
+                LIGHT.write(|| Sample { played, counts, steps, taking_up, moving, power });
             }
             stream.service(sink, orders, watch, halt, wishes, report);
             (u32::from(report.stepping_down) << 8 | u32::from(report.stepping_up), report.marks())

@@ -5,48 +5,13 @@ import struct
 
 import pytest
 
-from lab import QUIET, SEGMENT, STEP_MASK, STOP, ask, enable_all, errors, figure, power_up, start_moving
+from lab import SEGMENT, STOP, ask, enable_all, errors, figure, power_up, start_moving
+from light import CHANNELS, Positions
 from stm32f4.core import SRAM_BASE
-from stm32f4.words import DIR_PINS, STEP_PINS
 
 PLACES, PLACE = 16, 64
-CHANNELS = (8, 9)
-# played, counts, steps, taking up, sums (src/kernel/refill/border.rs)
+# played, counts, steps, taking up, moving (left out), sums (src/kernel/refill/border.rs)
 SAMPLE = struct.Struct("<Q6i6iBxHH")
-
-
-class Positions:
-    """Counts of the motors after any number of words; asked for in any order."""
-
-    EVERY = SEGMENT
-
-    def __init__(self, board):
-        self.words, self.kept, self.odr = board.words, [[0] * 6], [0]
-        self.cache = {}
-
-    def _go(self, counts, odr, start, stop):
-        counts = list(counts)
-        words = self.words.slice(start, stop)
-        if words.count(QUIET) == len(words):
-            return counts, odr & ~STEP_MASK if len(words) else odr
-        for word in words:
-            after = odr & ~(word >> 16) | word & 0xFFFF
-            rising, odr = after & ~odr, after
-            for n, step in enumerate(STEP_PINS):
-                if rising >> step & 1:
-                    counts[n] += 1 if odr >> DIR_PINS[n] & 1 else -1
-        return counts, odr
-
-    def at(self, word):
-        if word not in self.cache:
-            while len(self.kept) <= word // self.EVERY:
-                start = (len(self.kept) - 1) * self.EVERY
-                counts, odr = self._go(self.kept[-1], self.odr[-1], start, start + self.EVERY)
-                self.kept.append(counts)
-                self.odr.append(odr)
-            place = word // self.EVERY
-            self.cache[word] = self._go(self.kept[place], self.odr[place], place * self.EVERY, word)[0]
-        return self.cache[word]
 
 
 class Light:

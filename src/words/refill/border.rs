@@ -182,6 +182,8 @@ pub struct Sample {
     pub steps: MotorSteps,
     /// Bit n: motor n takes up its play.
     pub taking_up: u8,
+    /// Bit n: axis n moves.
+    pub moving: u8,
     /// Sum of [`CONVERSIONS`] conversions of each input.
     pub power: [u16; POWER_INPUTS],
 }

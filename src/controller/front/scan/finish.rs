@@ -80,8 +80,12 @@ impl Front {
         let Some(memory) = self.light.get_mut() else { return };
         let count = usize::from(memory.scan.lines);
         let Some(across) = peak::find(memory.lines.get_mut(..count).unwrap_or(&mut [])) else {
-            let dark = memory.scan.outcome.status & status::LIGHT == 0;
-            return self.fail_scan(if dark { NO_LIGHT } else { "fewer than three lines with a maximum" });
+            let told = memory.scan.outcome.status;
+            return self.fail_scan(match told & (status::LIGHT | status::SATURATED) {
+                0 => NO_LIGHT,
+                status::LIGHT => "fewer than three lines with a maximum",
+                _ => TOO_MUCH,
+            });
         };
         let (x, sigma) = along(memory, count, across.x);
         self.peak_found([x, across.x, 0], &across, [sigma, across.sigma.unwrap_or(0), 0]);
@@ -108,7 +112,7 @@ impl Front {
         let Some(scan) = self.light.scan_mut() else { return };
         let light = scan.outcome.status & status::LIGHT != 0;
         if scan.outcome.status & status::SATURATED != 0 {
-            return self.fail_scan("power saturated");
+            return self.fail_scan(TOO_MUCH);
         }
         if !light || level <= DARK {
             return self.fail_scan(NO_LIGHT);
@@ -171,6 +175,7 @@ impl super::Scan {
 }
 
 const NO_LIGHT: &str = "no light above the threshold";
+const TOO_MUCH: &str = "power saturated";
 
 /// Where the peaks of lines lie on them at a place across: a straight line by least squares, with the uncertainty of the
 /// peak of the nearest line.

@@ -73,7 +73,7 @@ pub struct Scan {
     phase: Phase,
     /// What follows when all ways are gone.
     next: Next,
-    /// The segment that it waits for.
+    /// The segment that it waits for; from which on samples are those of a leg.
     since: u64,
     definition: Definition,
     /// Where it began: offsets of its axes count from here.

@@ -182,8 +182,9 @@ impl Front {
         leg.origin = from.unwrap_or(0) - (1 << 31);
         let steps = to.unwrap_or(0) - from.unwrap_or(0);
         leg.slope = wide::signed_div(i128::from(end - begin) << 64, steps.into()) as i64;
+        let played = self.report.played;
         if let Some(scan) = self.light.scan_mut() {
-            (scan.leg, scan.phase, scan.block) = (leg, Phase::Sampling, Block::NONE);
+            (scan.leg, scan.phase, scan.block, scan.since) = (leg, Phase::Sampling, Block::NONE, played);
         }
         self.refresh();
         self.planner.go(goal, None);

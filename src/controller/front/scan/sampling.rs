@@ -68,7 +68,11 @@ impl Front {
             Phase::Sampling | Phase::Draining => {
                 let leg = &scan.leg;
                 let offset = leg.offset(i64::from(steps) << 32) - leg.lag;
-                let within = leg.sign() * (offset - leg.from) >= 0 && leg.sign() * (leg.to - offset) >= 0;
+                // how long it rests before and behind is a matter of when the thread hears of it; what is late may still
+                // be of the way before
+                let late = scan.phase == Phase::Sampling && sample.played < scan.since;
+                let moves = sample.moving | sample.taking_up != 0 && !late;
+                let within = moves && leg.sign() * (offset - leg.from) >= 0 && leg.sign() * (leg.to - offset) >= 0;
                 if lost && within {
                     scan.outcome.status |= status::LOST;
                 }
