@@ -10,7 +10,7 @@ use defmt_rtt as _;
 use embassy_executor::Spawner;
 use embassy_futures::select::select4;
 use embassy_time::{Duration, Instant, Timer};
-use stage_controller::controller::front::{Front, Health, Start};
+use stage_controller::controller::front::{Front, Health, LightMemory, Start};
 use stage_controller::controller::links::Links;
 use stage_controller::hal::Port;
 use stage_controller::refill::generator::Generator;
@@ -26,6 +26,8 @@ const TURN: Duration = Duration::from_millis(1);
 
 static USB: Plug = Plug::new();
 static FRONT: StaticCell<Front> = StaticCell::new();
+/// Samples, scans and recordings: beside the 64 KB of all the rest.
+static LIGHT: ConstStaticCell<LightMemory> = ConstStaticCell::new(LightMemory::new());
 static LINKS: StaticCell<Links<PORTS>> = StaticCell::new();
 static RECORD: ConstStaticCell<Buffer> = ConstStaticCell::new([0; RECORD_CAPACITY]);
 
@@ -34,6 +36,7 @@ async fn main(spawner: Spawner) {
     let (parts, start) = board::start();
     defmt::info!("start after {}, crystal {}", start.cause, !start.internal_oscillator);
     let front = new_front();
+    front.lend(LIGHT.take());
     let record = RECORD.take();
     let mut store = Store::new(SettingsFlash::new(parts.FLASH), flash::START);
     let backup = Backup::open();

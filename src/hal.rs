@@ -2,7 +2,7 @@
 //!
 //! The step output has a seam of its own, [`StepSink`](crate::refill::stream::StepSink), because the refill owns it.
 
-use crate::refill::border::{Order, Report};
+use crate::refill::border::{Order, Report, Sample};
 use crate::refill::safety::{Halt, Watch};
 use crate::store::Standstill;
 
@@ -10,6 +10,9 @@ use crate::store::Standstill;
 pub trait Hal {
     /// The oldest report that was not taken yet.
     fn report(&mut self) -> Option<Report>;
+    /// The oldest sample of light that was not taken yet. One is taken at every border of the running stream; those that
+    /// find no room are lost, which shows by their numbers.
+    fn sample(&mut self) -> Option<Sample>;
     /// True when an order can be taken.
     fn can_order(&self) -> bool;
     /// Takes an order down; only when [`Hal::can_order`].

@@ -17,6 +17,7 @@
 //! - [`compensation`] turns the logical pose of the fibre point into motor positions: coupling, rotation centre,
 //!   backlash.
 //! - [`stepgen`] places the steps of all six motors into words, one for each tick of 1 us.
+//! - [`sense`] turns what the power inputs say into dBm, [`scan`] finds peaks, [`trace`] records samples.
 //! - [`store`] keeps settings in flash, and where the motors stand over a reset.
 //! - [`units`] names the quantities; [`error`] the errors.
 //!
@@ -29,9 +30,13 @@
 
 pub mod controller;
 pub mod hal;
+pub mod scan;
 pub mod scpi;
+pub mod sense;
 pub mod settings;
 pub mod store;
 pub mod tasks;
+pub mod trace;
 
-pub use stage_kernel::{compensation, error, motion, refill, stepgen, units, wire};
+pub use stage_kernel::{compensation, error, motion, units, wire};
+pub use stage_words::{refill, stepgen};

@@ -7,6 +7,7 @@ use crate::compensation::backlash::{Flank, Overlay, PlayConfig};
 use crate::compensation::calibration::{Calibration, MotorData, row_bits};
 use crate::compensation::law::Switches;
 use crate::motion::budget::{Rates, take_up_quarter};
+use crate::sense::SenseInputs;
 use crate::stepgen::timing::MotorTiming;
 use crate::units::steps::{steps_to_units, units_to_steps};
 use crate::units::{AXES, Axis, wide};
@@ -149,6 +150,8 @@ pub struct Settings {
     pub jog_timeout_ms: u32,
     /// Serial port, bits per second. `*RST` leaves it: the link that asks for it must go on.
     pub baud: u32,
+    /// Power inputs.
+    pub sense: SenseInputs,
 }
 
 /// Least acceleration and jerk, nm or nrad per s^2 and s^3.
@@ -281,6 +284,7 @@ impl Settings {
             override_percent: 100,
             jog_timeout_ms: 1000,
             baud: BAUD_DEFAULT,
+            sense: SenseInputs::default(),
         }
     }
 }

@@ -78,6 +78,10 @@ impl<'a, const N: usize> Controller<'a, N> {
                 self.links.observe(self.front);
             }
         }
+        // after the reports: one that tells of an abort comes before what is sampled behind it
+        while let Some(sample) = hal.sample() {
+            self.front.receive_sample(sample);
+        }
         self.front.plan();
     }
 

@@ -18,6 +18,7 @@ SIGNALS = {
     "driver fault": "FAULT",
     "driver enable": "ENABLE",
     "emergency stop": "STOP",
+    "optical power": "POWER",
 }
 
 
@@ -39,7 +40,7 @@ def of_a_table(lines):
     for line in lines:
         cells = [cell.strip() for cell in line.split("|")]
         if len(cells) >= 4:
-            signal = re.sub(r" 1\s*(…|\.\.)\s*6$", "", cells[1])
+            signal = re.sub(r" 1(\s*(…|\.\.)\s*6|, 2)$", "", cells[1])
             table[signal] = re.findall(r"P[A-E]\d+", cells[2])
     return table
 
@@ -60,7 +61,7 @@ def main():
         wrong += [f"{pin} ({signal}) is missing in docs/wiring.svg" for pin in pins if pin not in picture]
     used = [pin for pins in code.values() for pin in pins]
     wrong += [f"{pin} is used twice" for pin in sorted(set(used)) if used.count(pin) > 1]
-    if len(used) < 38:
+    if len(used) < 40:
         wrong.append(f"only {len(used)} pins found in the code: has its shape changed?")
     print("\n".join(wrong) or f"{len(used)} pins agree")
     sys.exit(bool(wrong))

@@ -10,7 +10,7 @@ use crate::flash::{Flash, at_once};
 use crate::machine::Machine;
 use crate::twin::{Mechanics, Switches};
 use stage_controller::controller::front::Front;
-use stage_controller::refill::border::{Order, Orders, Report};
+use stage_controller::refill::border::{Order, Orders, POWER_INPUTS, Report, Sample};
 use stage_controller::refill::generator::Generator;
 use stage_controller::refill::safety::{Cause, Halt, Inputs, Watch};
 use stage_controller::stepgen::segment::Words;
@@ -141,6 +141,9 @@ pub struct Board {
     orders: VecDeque<(u64, Order)>,
     arrived: Queue,
     reports: VecDeque<(u64, Report)>,
+    samples: VecDeque<(u64, Sample)>,
+    /// What the power inputs say, sums of conversions.
+    power: [u16; POWER_INPUTS],
     now: u64,
     interleaving: Interleaving,
     seeded: Seeded,
@@ -152,6 +155,8 @@ pub struct Board {
     switches: Switches,
     /// Contacts and latencies, apart from the interleaving.
     hazard: Seeded,
+    /// Delays of samples, apart from both.
+    light: Seeded,
     /// What happens at a tick of the next segment.
     events: Vec<(usize, Event)>,
     stop_open: bool,
@@ -180,6 +185,8 @@ impl Board {
             orders: VecDeque::new(),
             arrived: Queue::default(),
             reports: VecDeque::new(),
+            samples: VecDeque::new(),
+            power: [0; POWER_INPUTS],
             now: 0,
             interleaving,
             seeded: Seeded::new(seed),
@@ -189,6 +196,7 @@ impl Board {
             buffer: Box::new([0; RECORD_CAPACITY]),
             switches: Switches::new(machine, seed),
             hazard: Seeded::new(seed ^ 0x5afe),
+            light: Seeded::new(seed ^ 0x1147),
             events: Vec::new(),
             stop_open: false,
             faults: 0,
@@ -198,6 +206,15 @@ impl Board {
             stopped: None,
             halt: Halt::default(),
             latched: false,
+        }
+    }
+
+    /// What the power inputs said at the border that was just reached, and say until they are told otherwise: sums of
+    /// [`CONVERSIONS`](stage_controller::refill::border::CONVERSIONS) conversions.
+    pub fn set_power(&mut self, power: [u16; POWER_INPUTS]) {
+        self.power = power;
+        if let Some((_, sample)) = self.samples.back_mut().filter(|(_, sample)| sample.played == self.played) {
+            sample.power = power;
         }
     }
 
@@ -291,6 +308,7 @@ impl Board {
             self.refill();
         }
         self.carry();
+        self.sample();
         // on the chip the stream stands meanwhile; here it takes no time
         at_once(service::serve(&mut self.store, &mut self.front, &mut self.buffer));
     }
@@ -337,11 +355,27 @@ impl Board {
         self.reports.push_back((due, report));
     }
 
-    /// Reports up, plans, orders down.
+    /// The power inputs are read at the border that was just reached; their sample goes up behind the next one.
+    fn sample(&mut self) {
+        let Report { played, counts, steps, taking_up, moving, .. } = self.generator.report(self.played);
+        let late = match self.interleaving {
+            Interleaving::Prompt => 0,
+            Interleaving::Jittered(most) => self.light.below(most + 1),
+        };
+        let due = self.samples.back().map_or(0, |(due, _)| *due).max(self.now + 1 + late);
+        self.samples.push_back((due, Sample { played, counts, steps, taking_up, moving, power: self.power }));
+    }
+
+    /// Reports and samples up, plans, orders down.
     fn carry(&mut self) {
         while self.reports.front().is_some_and(|(due, _)| *due <= self.now) {
             if let Some((_, report)) = self.reports.pop_front() {
                 self.front.receive_report(report);
+            }
+        }
+        while self.samples.front().is_some_and(|(due, _)| *due <= self.now) {
+            if let Some((_, sample)) = self.samples.pop_front() {
+                self.front.receive_sample(sample);
             }
         }
         self.front.plan();
@@ -435,6 +469,7 @@ impl Board {
         self.stopping = None;
         self.ring.clear();
         self.reports.clear();
+        self.samples.clear();
     }
 
     /// A segment has been played.

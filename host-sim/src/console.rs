@@ -2,6 +2,7 @@
 
 use crate::board::{Board, Played};
 use crate::control::Control;
+use crate::light::Light;
 use stage_controller::controller::links::Links;
 use stage_controller::units::SEGMENT_NS;
 
@@ -14,6 +15,8 @@ pub struct Console {
     pub board: Board,
     links: Links<1>,
     link: usize,
+    /// What the power inputs see.
+    light: Option<Light>,
 }
 
 impl Console {
@@ -21,7 +24,12 @@ impl Console {
     pub fn new(board: Board) -> Self {
         let mut links = Links::new();
         let link = links.open(0).unwrap_or(0);
-        Console { board, links, link }
+        Console { board, links, link, light: None }
+    }
+
+    /// Lets light fall on the power inputs from now on.
+    pub fn set_light(&mut self, light: Light) {
+        self.light = Some(light);
     }
 
     /// Virtual time, ms.
@@ -58,12 +66,20 @@ impl Console {
     /// One segment of virtual time; answers that it brings.
     pub fn step(&mut self, observe: impl FnMut(Played<'_>)) -> Vec<u8> {
         self.board.step(observe);
+        if let Some(light) = &self.light {
+            light.shine(&mut self.board);
+        }
         self.links.observe(&self.board.front);
         self.exchange(b"")
     }
 
     /// Sends a line and lets time pass until its answer is there, if it has a query in it, or until it is executed.
-    pub fn line(&mut self, line: &str, mut observe: impl FnMut(Played<'_>)) -> String {
+    pub fn line(&mut self, line: &str, observe: impl FnMut(Played<'_>)) -> String {
+        String::from_utf8_lossy(&self.line_bytes(line, observe)).into_owned()
+    }
+
+    /// [`Console::line`] with the answer as it is: there may be a block in it.
+    pub fn line_bytes(&mut self, line: &str, mut observe: impl FnMut(Played<'_>)) -> Vec<u8> {
         let mut answer = self.exchange(format!("{line}\n").as_bytes());
         // a query of its own marks the end of what the line says
         answer.extend(self.exchange(b"*STB?\n"));
@@ -74,10 +90,10 @@ impl Console {
             }
             answer.extend(self.step(&mut observe));
         }
-        let text = String::from_utf8_lossy(&answer).into_owned();
         // without the answer of the mark
-        let text = text.strip_suffix('\n').unwrap_or(&text);
-        text.rsplit_once('\n').map_or(String::new(), |(own, _)| own.to_owned())
+        let answer = answer.strip_suffix(b"\n").unwrap_or(&answer);
+        let own = answer.iter().rposition(|byte| *byte == b'\n').unwrap_or(0);
+        answer[..own].to_vec()
     }
 
     /// Runs a script: a line each; `#` begins a comment, `@12.5` lets 12.5 ms pass, `@stop open` and the other words of
@@ -85,7 +101,7 @@ impl Console {
     ///
     /// # Errors
     /// What is neither a time nor a word, with its line.
-    pub fn script(&mut self, script: &str, mut observe: impl FnMut(Played<'_>)) -> Result<Vec<String>, String> {
+    pub fn script(&mut self, script: &str, mut observe: impl FnMut(Played<'_>)) -> Result<Vec<Vec<u8>>, String> {
         let mut answers = Vec::new();
         for (number, line) in script.lines().map(str::trim).enumerate() {
             if line.is_empty() || line.starts_with('#') {
@@ -104,7 +120,7 @@ impl Console {
                     (0..segments).map(|_| self.step(&mut observe)).for_each(drop);
                     continue;
                 }
-                None => self.line(line, &mut observe),
+                None => self.line_bytes(line, &mut observe),
             };
             answers.extend((!answer.is_empty()).then_some(answer));
         }

@@ -6,7 +6,7 @@ use host_sim::session::power_up;
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use stage_controller::hal::{Hal, Port, PortEvent, Signs};
-use stage_controller::refill::border::{Action, Order, Report};
+use stage_controller::refill::border::{Action, Order, Report, Sample};
 use stage_controller::refill::generator::Generator;
 use stage_controller::refill::safety::{Halt, Watch};
 use stage_controller::stepgen::segment::Words;
@@ -87,6 +87,10 @@ impl Desk {
 impl Hal for Desk {
     fn report(&mut self) -> Option<Report> {
         self.reports.pop_front()
+    }
+
+    fn sample(&mut self) -> Option<Sample> {
+        None
     }
 
     fn can_order(&self) -> bool {

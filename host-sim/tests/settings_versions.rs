@@ -25,6 +25,7 @@ fn golden(version: u16, ending: &str) -> PathBuf {
 /// What is asked beside the settings.
 fn others() -> Vec<String> {
     let mut queries = vec!["COMP:CRC".to_owned(), "COMP:NAME".to_owned(), "PIV".to_owned()];
+    queries.extend((1..=2).map(|n| format!("SENS{n}:INP")));
     queries.extend((1..=6).flat_map(|n| ["POS:MOT", "BACK:OFFS", "BACK:STAT"].map(|query| format!("AXIS{n}:{query}"))));
     queries
 }
@@ -85,6 +86,7 @@ fn write_the_golden_file_of_this_version() {
         "AXIS2:LIM:SOFT:LOW -1234.567;UPP 2345.678;:AXIS3:STEP:TIM 1 US,2 US,3 US,4 US",
         "AXIS4:BACK:MODE UNIP;:AXIS5:BACK:MODE UNIN;:AXIS6:BACK:MODE OFF",
         "PIV:DEF 3,1,-2.5,4000;:PIV:SEL 3",
+        "SENS1:INP LIN,0.00025;RANG -20;AVER 7;DEL 1.5 MS;SCAL LIN;:SENS2:INP LOG,25.5,-71.25;RANG -12.5;AVER 200",
     ] {
         console.line(line, |_| ());
     }

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use saving::{any_settings, board_of, buffer, errors, front_with, kept_settings, lines, loaded, of_number, volume};
 use stage_controller::controller::front::Front;
 use stage_controller::settings::Settings;
-use stage_controller::store::record::{decode, inspect};
+use stage_controller::store::record::{RECORD_VERSION, decode, inspect};
 use stage_controller::store::{RECORD_CAPACITY, Record, Standstill, StoreError, service};
 
 const CUTS: [Cut; 3] = [Cut::FromStart, Cut::FromEnd, Cut::Scattered(5)];
@@ -272,9 +272,9 @@ fn no_record_with_a_wrong_bit_and_none_of_another_version_is_read() {
         assert_eq!(decode(&wrong), Err(StoreError::Damaged), "bit {bit}");
     }
     let mut newer = bytes.clone();
-    newer[4] = 2;
+    newer[4] = RECORD_VERSION as u8 + 1;
     saving::seal_again(&mut newer, 1);
-    assert_eq!(decode(&newer), Err(StoreError::Version(2)));
+    assert_eq!(decode(&newer), Err(StoreError::Version(RECORD_VERSION + 1)));
 }
 
 #[test]
@@ -292,7 +292,7 @@ fn a_record_with_pivots_and_no_calibration_is_refused_and_changes_nothing() {
 fn settings_of_another_version_are_refused_at_start_and_can_be_saved_anew() {
     let mut flash = saved(Flash::blank(), 1);
     let mut bytes = saving::sealed(&of_number(2));
-    bytes[4] = 2;
+    bytes[4] = RECORD_VERSION as u8 + 1;
     saving::seal_again(&mut bytes, 2);
     flash = saving::appended(flash, &bytes);
     let mut store = flash.store();

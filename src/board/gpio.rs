@@ -49,6 +49,13 @@ fn input(pin: Pin, pull: Pupdr) {
     gpio.moder().modify(|w| w.set_moder(n, Moder::INPUT));
 }
 
+/// An input of a converter.
+pub fn analog(pin: Pin) {
+    let (gpio, n) = (port(pin.0), usize::from(pin.1));
+    gpio.pupdr().modify(|w| w.set_pupdr(n, Pupdr::FLOATING));
+    gpio.moder().modify(|w| w.set_moder(n, Moder::ANALOG));
+}
+
 /// Enable lines, lights, switches, faults and the emergency stop.
 pub fn set_up() {
     for pin in ENABLE.into_iter().chain(LIGHTS) {

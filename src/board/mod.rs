@@ -1,8 +1,10 @@
 //! The board: STM32F407G-DISC1 with six step/direction drivers. A second board is another folder like this one.
 
+pub mod adc;
 pub mod backup;
 pub mod clock;
 pub mod critical;
+mod division;
 pub mod faults;
 pub mod flash;
 pub mod gpio;
@@ -11,6 +13,7 @@ mod memory;
 pub mod pins;
 pub mod port;
 pub mod refill;
+mod ring;
 pub mod step_dma;
 pub mod supervision;
 pub mod usart;
@@ -23,7 +26,7 @@ use embassy_stm32::interrupt::Priority;
 use embassy_stm32::pac;
 use refill::Border;
 use stage_controller::hal::{Hal, Signs};
-use stage_controller::refill::border::{Order, Report};
+use stage_controller::refill::border::{Order, Report, Sample};
 use stage_controller::refill::safety::{Halt, Watch};
 use stage_controller::store::Standstill;
 use stage_controller::store::standstill::Keeper;
@@ -89,6 +92,10 @@ impl Board {
 impl Hal for Board {
     fn report(&mut self) -> Option<Report> {
         self.border.report()
+    }
+
+    fn sample(&mut self) -> Option<Sample> {
+        self.border.sample()
     }
 
     fn can_order(&self) -> bool {

@@ -11,7 +11,7 @@
 //! | limit switch upper 1..6 | PD2, PD6, PD8, PD10, PB13, PB15 | pulled up |
 //! | driver fault 1..6 | PB4, PB5, PB7, PB8, PB11, PB12 | pulled up |
 //! | driver enable 1..6 | PC1, PC2, PC5, PC6, PC8, PC9 | push-pull |
-//! | optical power 1, 2 | PB0, PB1 | ADC1_IN8, ADC1_IN9; 0..3.3 V |
+//! | optical power 1, 2 | PB0, PB1 | ADC1_IN8, ADC2_IN9; full scale is VDDA, 3 V on this board |
 //! | USB | PA11, PA12 | the micro-AB socket |
 //! | lights | PD12 green, PD13 orange, PD14 red, PD15 blue | runs, moves, stopped for a fault, serial or USB traffic |
 //!
@@ -19,6 +19,7 @@
 //! PA4..PA7, PA9, PA10, PA13, PA14, PB3, PB6, PB9, PB10, PC0, PC3, PC7, PC10, PC12, PC14, PC15, PD4, PD5, PE0, PE1,
 //! PE3, PH0, PH1 (UM1472, table 7).
 
+use stage_controller::refill::border::POWER_INPUTS;
 use stage_controller::refill::safety::Inputs;
 use stage_controller::units::AXES;
 
@@ -54,6 +55,8 @@ pub const UPPER: [Pin; AXES] = [Pin(D, 2), Pin(D, 6), Pin(D, 8), Pin(D, 10), Pin
 pub const FAULT: [Pin; AXES] = [Pin(B, 4), Pin(B, 5), Pin(B, 7), Pin(B, 8), Pin(B, 11), Pin(B, 12)];
 /// Enable input of each driver: one port, so that one word switches all.
 pub const ENABLE: [Pin; AXES] = [Pin(C, 1), Pin(C, 2), Pin(C, 5), Pin(C, 6), Pin(C, 8), Pin(C, 9)];
+/// Outputs of the power meter.
+pub const POWER: [Pin; POWER_INPUTS] = [Pin(B, 0), Pin(B, 1)];
 /// Lights, all on port D: runs, moves, stopped for a fault, traffic.
 pub const LIGHTS: [Pin; 4] = [Pin(D, 12), Pin(D, 13), Pin(D, 14), Pin(D, 15)];
 

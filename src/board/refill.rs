@@ -1,11 +1,12 @@
 //! The refill: the one interrupt that makes words, and what stops it.
 //!
-//! Above the executor and above every critical section; it shares nothing with the thread but atomics and two
-//! single-producer single-consumer queues.
+//! Above the executor and above every critical section; it shares nothing with the thread but atomics, the latest
+//! report, and queues of one writer and one reader.
 
 use super::critical::{REFILL, STOPS, WAKE};
 use super::mailbox::Mailbox;
 use super::pins::{LOWER, Port, STOP, UPPER};
+use super::ring::Ring;
 use super::step_dma::{self, StepDma};
 use super::{gpio, supervision};
 use core::cell::UnsafeCell;
@@ -19,7 +20,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::Timer;
 use heapless::spsc::{Consumer, Producer, Queue};
-use stage_controller::refill::border::{Order, Report};
+use stage_controller::refill::border::{Order, Report, Sample};
 use stage_controller::refill::generator::Generator;
 use stage_controller::refill::safety::{Cause, Halt, Watch};
 use stage_controller::refill::stream::{Stream, Wishes};
@@ -27,6 +28,9 @@ use static_cell::StaticCell;
 
 /// Orders on their way down; one place of a queue stays empty.
 const ORDERS: usize = 5;
+
+/// Samples of light on their way up, 256 us each.
+const SAMPLES: usize = 16;
 
 /// The thread is woken by what changes, and after this many refills anyhow.
 const CALM: u8 = 4;
@@ -75,10 +79,17 @@ impl Border {
     pub fn report(&mut self) -> Option<Report> {
         REPORT.take(&mut self.seen)
     }
+
+    /// The oldest sample that was not taken yet.
+    pub fn sample(&mut self) -> Option<Sample> {
+        LIGHT.take()
+    }
 }
 
 /// The latest report; each stands alone, so that one that is not read costs nothing.
 static REPORT: Mailbox<Report> = Mailbox::new();
+/// What was sampled and not yet looked at.
+static LIGHT: Ring<Sample, SAMPLES> = Ring::new();
 static WATCH: AtomicU32 = AtomicU32::new(0);
 static PAUSE: AtomicBool = AtomicBool::new(false);
 static REARM: AtomicBool = AtomicBool::new(false);
@@ -233,7 +244,7 @@ fn TIM2() {
     }
     // SAFETY: written before STARTED was; this interrupt alone, which does not nest.
     let Owned { stream, sink, orders, marks, calm } = unsafe { (*OWNED.0.get()).assume_init_mut() };
-    sink.await_border();
+    let light = sink.begin_refill();
     let wishes = Wishes { pause: PAUSE.load(Ordering::Relaxed), rearm: taken(&REARM) };
     let watch = Watch::from_bits(WATCH.load(Ordering::Relaxed));
     // looked at first: an exchange costs more, and there is hardly ever anything
@@ -246,12 +257,20 @@ fn TIM2() {
     // SAFETY: this interrupt alone; the thread cannot interrupt it.
     let (stepping, now) = unsafe {
         REPORT.update(|report| {
+            if let Some(sums) = light {
+                // of its border the last report tells
+                let Report { played, counts, steps, taking_up, moving, .. } = *report;
+                let power = [sums as u16, (sums >> 16) as u16];
+                LIGHT.write(|| Sample { played, counts, steps, taking_up, moving, power });
+            }
             stream.service(sink, orders, watch, halt, wishes, report);
             (u32::from(report.stepping_down) << 8 | u32::from(report.stepping_up), report.marks())
         })
     };
     STEPPING.store(stepping, Ordering::Relaxed);
-    STANDING.store(!stream.is_running(), Ordering::Relaxed);
+    let running = stream.is_running();
+    STANDING.store(!running, Ordering::Relaxed);
+    sink.end_refill(running);
     supervision::refill_ran();
     *calm = calm.saturating_sub(1);
     // not `!=`, which is a call

@@ -6,12 +6,14 @@
 //! - In the middle of each tick its compare event requests stream 2, channel 7: the word that lowers all STEP lines
 //!   goes into the ring, one segment behind. What has played is cleared by hardware, whatever the processor does.
 //! - TIM2 counts TIM8's updates: the words played since the start. Its compare interrupt, once a segment, is the refill.
+//! - The same match triggers the converters of the [power inputs](super::adc).
 //! - TIM8 is gated by its external trigger: while the emergency stop's contact is open it does not count.
 //!
 //! # Note
 //! Direct mode reads one word ahead: what is written less than a tick before it plays is not seen any more. Disabling
 //! the stream drops that word.
 
+use super::adc::{Adc, NONE};
 use super::clock::CORE_HZ;
 use super::gpio;
 use super::pins::Known;
@@ -45,8 +47,8 @@ const CLEAR: usize = 2;
 const CHANNEL: u8 = 7;
 
 /// Memory that DMA reads and writes beside the processor.
-struct Shared<T>(UnsafeCell<T>);
-// SAFETY: the processor side is owned by the one StepDma; the DMA side keeps to the segments that protocol leaves it.
+pub(super) struct Shared<T>(pub(super) UnsafeCell<T>);
+// SAFETY: the processor side is owned by the one StepDma; the DMA side keeps to the part that protocol leaves it.
 unsafe impl<T> Sync for Shared<T> {}
 
 // all zero, so that it takes no flash: `prepare` fills it before anything plays
@@ -60,7 +62,10 @@ pub struct StepDma {
     /// Words counted when TIM2 last wrapped.
     wraps: u64,
     last: u32,
+    /// The border whose match asks for the refill, [`NONE`] if it was no match.
+    awaited: u32,
     known: Known,
+    light: Adc,
 }
 
 /// Stops the step output from anywhere, at once: no word plays after this.
@@ -84,7 +89,7 @@ impl StepDma {
     /// Sets timers and streams up; nothing plays yet.
     ///
     /// # Safety
-    /// Once only: it owns TIM8, TIM2, DMA2 streams 1 and 2, and the ring.
+    /// Once only: it owns TIM8, TIM2, DMA2 streams 1, 2 and 4, both rings and what [`Adc`] owns.
     pub unsafe fn new() -> Self {
         pac::RCC.ahb1enr().modify(|w| w.set_dma2en(true));
         pac::RCC.apb2enr().modify(|w| w.set_tim8en(true));
@@ -122,22 +127,42 @@ impl StepDma {
         counter.egr().write(|w| w.set_ug(true));
         counter.sr().write_value(Default::default());
         counter.dier().write(|w| w.set_ccie(0, true));
+        counter.cr2().write(|w| w.set_mms(Mms::COMPARE_PULSE));
         counter.cr1().modify(|w| w.set_cen(true));
-        StepDma { wraps: 0, last: 0, known: Known::new(gpio::levels()) }
+        // SAFETY: as this one, once only.
+        let light = unsafe { Adc::new() };
+        StepDma { wraps: 0, last: 0, awaited: NONE, known: Known::new(gpio::levels()), light }
     }
 
-    /// Asks for the refill when the segment that plays now has ended; call in the refill.
+    /// Awaits the next border and answers the light at the one before the last, see [`Adc::collect`]; call first in
+    /// the refill.
     #[inline(always)]
-    pub fn await_border(&mut self) {
+    pub fn begin_refill(&mut self) -> Option<u32> {
+        let count = self.await_border();
+        self.light.collect(count)
+    }
+
+    /// What the refill has left is made ready for the next border; call last in the refill.
+    #[inline(always)]
+    pub fn end_refill(&mut self, running: bool) {
+        self.light.settle(self.awaited, pac::TIM2.cnt().read(), running);
+    }
+
+    /// Asks for the refill when the segment that plays now has ended; answers the words played in it and before.
+    #[inline(always)]
+    fn await_border(&mut self) -> u32 {
         let counter = pac::TIM2;
         let count = counter.cnt().read();
         let border = (count & !(SEGMENT_TICKS as u32 - 1)).wrapping_add(SEGMENT_TICKS as u32);
         counter.ccr(0).write_value(border);
         counter.sr().modify(|w| w.set_ccif(0, false));
+        self.awaited = border;
         if counter.cnt().read().wrapping_sub(border) as i32 >= 0 {
             // it passed between the two: ask at once
+            self.awaited = NONE;
             counter.egr().write(|w| w.set_ccg(0, true));
         }
+        count
     }
 
     fn disable() {
@@ -208,6 +233,7 @@ impl StepSink for StepDma {
     fn start(&mut self) {
         pac::TIM2.cnt().write_value(0);
         (self.wraps, self.last) = (0, 0);
+        self.light.lose();
         // the border that was awaited belongs to the count before
         self.await_border();
         pac::TIM8.cnt().write_value(Default::default());
@@ -220,6 +246,7 @@ impl StepSink for StepDma {
 
     fn stop(&mut self) {
         stop();
+        self.light.lose();
         super::refill::forget_steps();
         // the transfer of the last update is over long before this
         cortex_m::asm::delay(TICK_CLOCKS);

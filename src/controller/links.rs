@@ -81,6 +81,11 @@ impl<const N: usize> Links<N> {
         self.links.get(n).is_none_or(|link| !link.session.has_output())
     }
 
+    /// A message on some link is held up: by motion, or by a reading that is not there yet.
+    pub fn is_waiting(&self) -> bool {
+        self.links.iter().any(|link| link.open && link.session.is_waiting())
+    }
+
     /// Executes what can be executed on every link, and ends jogs without traffic. True when something was executed:
     /// [`Front::plan`] is then due, with the latest report.
     pub fn poll(&mut self, front: &mut Front, now_ms: u64) -> bool {

@@ -21,6 +21,7 @@ pub enum ErrorNumber {
     InvalidSuffix = -131,
     InvalidStringData = -151,
     InvalidBlockData = -161,
+    TriggerIgnored = -211,
     InitIgnored = -213,
     SettingsConflict = -221,
     DataOutOfRange = -222,
@@ -45,6 +46,7 @@ pub enum ErrorNumber {
     Clock = 110,
     WatchdogRestart = 111,
     DriverFault = 112,
+    ScanFailed = 113,
 }
 
 impl ErrorNumber {
@@ -61,6 +63,7 @@ impl ErrorNumber {
         ErrorNumber::InvalidSuffix,
         ErrorNumber::InvalidStringData,
         ErrorNumber::InvalidBlockData,
+        ErrorNumber::TriggerIgnored,
         ErrorNumber::InitIgnored,
         ErrorNumber::SettingsConflict,
         ErrorNumber::DataOutOfRange,
@@ -85,6 +88,7 @@ impl ErrorNumber {
         ErrorNumber::Clock,
         ErrorNumber::WatchdogRestart,
         ErrorNumber::DriverFault,
+        ErrorNumber::ScanFailed,
     ];
 
     /// The number in the queue and in `SYST:ERR?`.
@@ -106,6 +110,7 @@ impl ErrorNumber {
             ErrorNumber::InvalidSuffix => "Invalid suffix",
             ErrorNumber::InvalidStringData => "Invalid string data",
             ErrorNumber::InvalidBlockData => "Invalid block data",
+            ErrorNumber::TriggerIgnored => "Trigger ignored",
             ErrorNumber::InitIgnored => "Init ignored",
             ErrorNumber::SettingsConflict => "Settings conflict",
             ErrorNumber::DataOutOfRange => "Data out of range",
@@ -130,6 +135,7 @@ impl ErrorNumber {
             ErrorNumber::Clock => "Clock fault",
             ErrorNumber::WatchdogRestart => "Restarted by the watchdog",
             ErrorNumber::DriverFault => "Driver fault",
+            ErrorNumber::ScanFailed => "Scan without result",
         }
     }
 
@@ -163,6 +169,15 @@ pub enum Detail {
         bound: Named,
         /// The bound is the travel of the motor.
         motor: bool,
+    },
+    /// Step of a climb that the play of a motor swallows, and the least one that it does not, both in nm or nrad.
+    Swallowed {
+        /// The axis.
+        axis: Axis,
+        /// The step asked for, nm or nrad.
+        value: Named,
+        /// The least step that works, nm or nrad.
+        bound: Named,
     },
     /// Velocity of an axis beyond a bound, both in nm/s or nrad/s.
     Speed {
@@ -262,6 +277,13 @@ impl Error {
         Error { number: ErrorNumber::DataOutOfRange, detail: Detail::Limit { axis, value, bound, motor } }
     }
 
+    /// -221: a step that the play of an axis' motor swallows, and the least one that it does not, nm or nrad.
+    #[inline(never)]
+    pub fn swallowed(axis: Axis, value: i64, bound: i64) -> Self {
+        let (value, bound) = (value.into(), bound.into());
+        Error { number: ErrorNumber::SettingsConflict, detail: Detail::Swallowed { axis, value, bound } }
+    }
+
     /// An axis beyond a velocity, both in nm/s or nrad/s.
     #[inline(never)]
     pub fn speed(axis: Axis, value: i64, bound: i64) -> Self {
@@ -327,6 +349,9 @@ impl Detail {
             Detail::Limit { axis, value, bound, motor } => {
                 let what = if *motor { " motor " } else { " " };
                 write_bound(to, *axis, what, (*value, *bound), axis_unit(*axis))
+            }
+            Detail::Swallowed { axis, value, bound } => {
+                write_bound(to, *axis, " play takes the step: ", (*value, *bound), axis_unit(*axis))
             }
             Detail::Speed { axis, value, bound } => {
                 write_bound(to, *axis, " ", (*value, *bound), axis_unit(*axis).per_second(1))

@@ -1,18 +1,15 @@
 //! From a pose to words of STEP and DIR.
 //!
 //! ```text
-//! pose -> motion -> orders -> refill -> compensation -> stepgen -> words
+//! pose -> motion -> tracks -> compensation -> positions of motors
 //! ```
 //!
 //! - [`motion`] plans jerk-limited moves on which no motor exceeds its limits.
-//! - [`refill`] runs them: the half of the controller that lives in an interrupt.
 //! - [`compensation`] turns the logical pose of the fibre point into motor positions: coupling, rotation centre,
 //!   backlash.
-//! - [`stepgen`] places the steps of all six motors into words, one for each tick of 1 us.
 //! - [`units`] names the quantities; [`error`] the errors; [`wire`] turns records into bytes.
 //!
-//! It knows nothing of messages, links and settings. A crate of its own, because it is compiled for speed and what
-//! surrounds it for size.
+//! It knows nothing of messages, links and settings. The crate of words stands on it.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -21,7 +18,5 @@ pub mod error;
 pub mod motion;
 #[cfg(test)]
 mod random;
-pub mod refill;
-pub mod stepgen;
 pub mod units;
 pub mod wire;

@@ -128,6 +128,7 @@ impl<'m> Params<'m> {
     ///
     /// # Errors
     /// -109 when there is none.
+    #[inline(never)]
     pub fn token(&mut self) -> Result<&'m [u8], Error> {
         self.split()?.ok_or(ErrorNumber::MissingParameter.into())
     }
@@ -141,6 +142,7 @@ impl<'m> Params<'m> {
     ///
     /// # Errors
     /// -108.
+    #[inline(never)]
     pub fn end(mut self) -> Result<(), Error> {
         match self.split()? {
             None => Ok(()),
@@ -152,6 +154,7 @@ impl<'m> Params<'m> {
     ///
     /// # Errors
     /// -104, -123, -131, -222.
+    #[inline(never)]
     pub fn number(&mut self, unit: Unit) -> Result<i64, Error> {
         let token = self.token()?;
         decimal::parse(token, unit).map_err(|number| Error::token(number, token))
@@ -169,6 +172,7 @@ impl<'m> Params<'m> {
     ///
     /// # Errors
     /// As [`Params::number`], -222 beyond the bounds.
+    #[inline(never)]
     pub fn bounded(&mut self, unit: Unit, least: i64, most: i64) -> Result<i64, Error> {
         let token = self.token()?;
         match decimal::parse(token, unit) {
@@ -182,6 +186,7 @@ impl<'m> Params<'m> {
     ///
     /// # Errors
     /// As [`Params::number`], -222 beyond [`COORDINATE_LIMIT`].
+    #[inline(never)]
     pub fn coordinate(&mut self, axis: Axis) -> Result<i32, Error> {
         let value = self.number(axis_unit(axis))?;
         within_coordinates(axis, value)
@@ -249,6 +254,7 @@ impl<'m> Params<'m> {
     ///
     /// # Errors
     /// -104 another word, -222 another number.
+    #[inline(never)]
     pub fn boolean(&mut self) -> Result<bool, Error> {
         let token = self.token()?;
         match token {
@@ -266,6 +272,7 @@ impl<'m> Params<'m> {
     ///
     /// # Errors
     /// -104.
+    #[inline(never)]
     pub fn choice(&mut self, words: &[&str]) -> Result<usize, Error> {
         let token = self.token()?;
         let found = words.iter().position(|word| is_keyword(word, token));
@@ -289,6 +296,7 @@ impl<'m> Params<'m> {
     ///
     /// # Errors
     /// -104 anything else.
+    #[inline(never)]
     pub fn optional_extreme(&mut self) -> Result<Option<Extreme>, Error> {
         match self.split()? {
             None => Ok(None),
@@ -326,6 +334,7 @@ impl<'m> Params<'m> {
     ///
     /// # Errors
     /// -104 no list, -102 its syntax, -222 an axis that does not exist.
+    #[inline(never)]
     pub fn axis_list(&mut self) -> Result<AxisSet, Error> {
         let token = self.token()?;
         let fail = |number| Error::token(number, token);

@@ -72,12 +72,14 @@ impl Response {
     }
 
     /// An integer in its unit's text: um, degrees, seconds.
+    #[inline(never)]
     pub fn quantity(&mut self, value: i64, unit: Unit) {
         self.part();
         let _ = Formatted { value, unit }.write(self);
     }
 
     /// nm or nrad (`order` 0), or a rate of them, of an axis.
+    #[inline(never)]
     pub fn axis_quantity(&mut self, axis: Axis, value: i64, order: u8) {
         self.quantity(value, axis_unit(axis).per_second(order));
     }
@@ -111,12 +113,14 @@ impl Response {
     }
 
     /// Characters as they are: a keyword, or several items that are already parted.
+    #[inline(never)]
     pub fn text(&mut self, text: &str) {
         self.part();
         self.put(text.as_bytes());
     }
 
     /// The short form of a keyword: its capitals.
+    #[inline(never)]
     pub fn short_form(&mut self, keyword: &str) {
         self.part();
         keyword.split(|c: char| c.is_ascii_lowercase()).for_each(|capitals| self.put(capitals.as_bytes()));
@@ -145,6 +149,7 @@ impl Response {
     }
 
     /// `#<n><len>`, to be followed by `length` bytes of [`Response::raw`].
+    #[inline(never)]
     pub fn block_head(&mut self, length: usize) {
         let digits = length.checked_ilog10().unwrap_or(0) + 1;
         self.part();
@@ -173,6 +178,7 @@ impl Response {
         (self.mark.length + ANSWER_MAX).saturating_sub(self.bytes.len())
     }
 
+    #[inline(never)]
     fn part(&mut self) {
         if self.unit_open {
             self.put(b",");

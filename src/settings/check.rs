@@ -21,6 +21,9 @@ impl Settings {
         if !within {
             return Err(Error::text(ErrorNumber::DataOutOfRange, "speed override, jog time-out or baud rate"));
         }
+        if !self.sense.iter().all(|input| input.is_good()) {
+            return Err(Error::text(ErrorNumber::DataOutOfRange, "a saved power input"));
+        }
         for ((axis, own), motor) in Axis::ALL.into_iter().zip(&self.axes).zip(motors) {
             own.check(motor).map_err(|what| Error::axis_text(ErrorNumber::DataOutOfRange, axis, what))?;
         }

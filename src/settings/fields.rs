@@ -1,14 +1,15 @@
 //! The bytes of the settings in a record.
 
 use super::{AxisSettings, BacklashMode, Settings, Side};
+use crate::sense::{Input, SenseSettings};
 use crate::wire::Wire;
 
 const MODES: [BacklashMode; 4] =
     [BacklashMode::Off, BacklashMode::Reversal, BacklashMode::UniPositive, BacklashMode::UniNegative];
 
 impl Settings {
-    /// Reads or writes every field.
-    pub fn wire(&mut self, wire: &mut Wire<'_>) {
+    /// Reads or writes every field that a record of this version has; version 1 knows no power inputs.
+    pub fn wire(&mut self, wire: &mut Wire<'_>, version: u16) {
         self.axes.iter_mut().for_each(|axis| axis.wire(wire));
         let switches = &mut self.switches;
         for on in [&mut switches.compensation, &mut switches.coupling, &mut switches.pivot, &mut switches.backlash] {
@@ -17,6 +18,9 @@ impl Settings {
         wire.byte(&mut self.override_percent);
         wire.word(&mut self.jog_timeout_ms);
         wire.word(&mut self.baud);
+        if version >= 2 {
+            self.sense.iter_mut().for_each(|input| input.wire(wire));
+        }
     }
 }
 
@@ -50,5 +54,32 @@ impl AxisSettings {
         if let Some(offset) = wire.some(&mut self.home.offset) {
             wire.signed(offset);
         }
+    }
+}
+
+impl SenseSettings {
+    #[inline(never)]
+    fn wire(&mut self, wire: &mut Wire<'_>) {
+        let (mut logarithmic, mut gain, mut slope, mut zero) = match self.input {
+            Input::Linear(gain) => (false, gain, 0, 0),
+            Input::Logarithmic(slope, zero) => (true, 0, slope, zero),
+        };
+        wire.choice(&mut logarithmic, &[false, true]);
+        if logarithmic {
+            wire.signed(&mut slope);
+            wire.signed(&mut zero);
+            self.input = Input::Logarithmic(slope, zero);
+        } else {
+            wire.long(&mut gain);
+            self.input = Input::Linear(gain);
+        }
+        if let Some(range) = wire.some(&mut self.range) {
+            wire.signed(range);
+        }
+        wire.word(&mut self.delay_ns);
+        let mut average = self.average.into();
+        wire.word(&mut average);
+        self.average = average as u16;
+        wire.flag(&mut self.watts);
     }
 }

@@ -12,7 +12,7 @@ use crate::wire::Wire;
 use serde::{Deserialize, Serialize};
 
 /// Version of the record. Raised when a field changes; `decode` then reads the older ones too.
-pub const RECORD_VERSION: u16 = 1;
+pub const RECORD_VERSION: u16 = 2;
 /// Longest record in bytes: the largest calibration block and every number at its longest.
 pub const RECORD_CAPACITY: usize = 2560;
 /// Room for a record, for everything that reads or writes one; may be used for other things in between.
@@ -39,8 +39,8 @@ pub struct Record<'a> {
 
 impl<'a> Record<'a> {
     #[inline(never)]
-    fn wire(&mut self, wire: &mut Wire<'a>) {
-        self.settings.wire(wire);
+    fn wire(&mut self, wire: &mut Wire<'a>, version: u16) {
+        self.settings.wire(wire, version);
         for pivot in &mut self.pivots {
             if let Some(point) = wire.some(pivot) {
                 wire.all_signed(point);
@@ -73,7 +73,7 @@ pub fn seal(
     let (_, payload) = buffer.split_at_mut_checked(PAYLOAD_AT).ok_or(StoreError::TooLong)?;
     let mut wire = Wire::write(payload);
     let mut copy = *record;
-    copy.wire(&mut wire);
+    copy.wire(&mut wire, RECORD_VERSION);
     let length = PAYLOAD_AT + wire.end().ok_or(StoreError::TooLong)?;
     let head = MAGIC.into_iter().chain(RECORD_VERSION.to_le_bytes()).chain([0, 0]);
     buffer.iter_mut().zip(head).for_each(|(to, from)| *to = from);
@@ -121,14 +121,14 @@ pub fn inspect(bytes: &[u8]) -> Option<(u16, u32)> {
 /// [`StoreError::Damaged`], [`StoreError::Version`], [`StoreError::Contents`].
 pub fn decode(bytes: &[u8]) -> Result<Saved<'_>, StoreError> {
     let (version, _) = inspect(bytes).ok_or(StoreError::Damaged)?;
-    if version != RECORD_VERSION {
+    if !(1..=RECORD_VERSION).contains(&version) {
         return Err(StoreError::Version(version));
     }
     let place = bytes.get(STANDSTILL_AT..).and_then(|rest| rest.first_chunk()).ok_or(StoreError::Contents)?;
     let payload = bytes.get(PAYLOAD_AT..).ok_or(StoreError::Contents)?;
     let mut record = Record { settings: Settings::defaults(None), pivots: [None; PIVOTS], pivot: 0, block: &[] };
     let mut wire = Wire::read(payload);
-    record.wire(&mut wire);
+    record.wire(&mut wire, version);
     wire.end().ok_or(StoreError::Contents)?;
     let standstill =
         Standstill::decode(place).map(|(_, standstill)| standstill).filter(|standstill| !standstill.moving);

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import subprocess
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -27,14 +28,14 @@ def program():
 
 
 class Server:
-    """A running `host-sim serve`."""
+    """A running `host-sim serve` with so many boards (or other sockets), and terminals: one a board."""
 
-    def __init__(self, path, *args, boards=1):
+    def __init__(self, path, *args, boards=1, terminals=None):
         command = [path, "serve", "--port", "0", *args]
-        pipe, none = subprocess.PIPE, subprocess.DEVNULL
-        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=none, text=True)
+        pipe, self.errors = subprocess.PIPE, tempfile.TemporaryFile("w+")
+        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self.errors, text=True)
         self.tcp, self.pty = [], []
-        while len(self.tcp) < boards or len(self.pty) < boards:
+        while len(self.tcp) < boards or len(self.pty) < (boards if terminals is None else terminals):
             line = self.process.stdout.readline()
             assert line, f"{command} ended with {self.process.wait()}"
             if found := re.match(r"\s*TCP\s+(\S+):(\d+)", line):
@@ -54,11 +55,17 @@ class Server:
         self.process.stdin.write(words + "\n")
         self.process.stdin.flush()
 
+    def said(self):
+        """What is on its standard error so far."""
+        self.errors.seek(0)
+        return self.errors.read()
+
     def stop(self):
         self.process.kill()
         self.process.wait()
         self.process.stdin.close()
         self.process.stdout.close()
+        self.errors.close()
 
 
 @pytest.fixture(scope="session")
@@ -71,8 +78,8 @@ def start(host_sim):
     """Starts servers with options; they end with the test, and must not have ended before."""
     servers = []
 
-    def start_server(*args, boards=1):
-        servers.append(Server(host_sim, *args, boards=boards))
+    def start_server(*args, **sockets):
+        servers.append(Server(host_sim, *args, **sockets))
         return servers[-1]
 
     yield start_server

@@ -45,7 +45,7 @@ BAD = [
     (b"*IDN", -113),
     (b"AXIS1:HOM", -113),
     (b"AXIS1:HOME", -221),
-    (b"SCAN:STAR 1", -113),
+    (b"SCAN:STAR 1", -221),
     (b"AXIS0:MOVE 5", -114),
     (b"AXIS7:MOVE 5", -114),
     (b"AXIS99999999999999999999:MOVE 5", -114),

@@ -78,20 +78,20 @@ struct Run {
 
 /// Wall clock and time on a core, which differ when other programs want the cores too.
 #[derive(Clone, Copy, Default)]
-struct Clocks {
-    wall_s: f64,
-    cpu_s: Option<f64>,
+pub(super) struct Clocks {
+    pub wall_s: f64,
+    pub cpu_s: Option<f64>,
 }
 
 impl Clocks {
     /// Since some beginning.
-    fn now(begin: Instant) -> Self {
+    pub fn now(begin: Instant) -> Self {
         let on_core = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
         let ns = on_core.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
         Clocks { wall_s: begin.elapsed().as_secs_f64(), cpu_s: ns.map(|ns| ns * 1e-9) }
     }
 
-    fn since(self, before: Clocks) -> Self {
+    pub fn since(self, before: Clocks) -> Self {
         Clocks {
             wall_s: self.wall_s - before.wall_s,
             cpu_s: self.cpu_s.zip(before.cpu_s).map(|(now, before)| now - before),

@@ -32,8 +32,13 @@ pub fn say(text: impl Display) -> Result<(), Failure> {
     if !text.ends_with('\n') {
         text.push('\n');
     }
+    say_bytes(text.as_bytes())
+}
+
+/// Writes bytes to standard output as they are: an answer may be a block.
+pub fn say_bytes(bytes: &[u8]) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    match out.write_all(bytes).and_then(|()| out.flush()) {
         Err(source) if source.kind() != ErrorKind::BrokenPipe => {
             Err(Failure::Io { path: "standard output".into(), source })
         }

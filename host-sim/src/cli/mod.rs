@@ -1,8 +1,10 @@
 //! The command line: one file per subcommand, each with its `Args` and a `run`.
 
+mod align;
 mod bench;
 mod calibrate;
 mod common;
+mod experiment;
 mod field;
 mod identify;
 mod load;
@@ -41,7 +43,9 @@ enum Command {
     Move(move_pose::Args),
     Report(report::Args),
     Trace(trace::Args),
+    Align(align::Args),
     Bench(bench::Args),
+    Experiment(experiment::Args),
     Topology(topology::Args),
     Sensitivity(sensitivity::Args),
     Field(field::Args),
@@ -87,7 +91,9 @@ pub fn main() -> ExitCode {
         Command::Move(args) => args.run(),
         Command::Report(args) => args.run(),
         Command::Trace(args) => args.run(),
+        Command::Align(args) => args.run(),
         Command::Bench(args) => args.run(),
+        Command::Experiment(args) => args.run(),
         Command::Topology(args) => args.run(),
         Command::Sensitivity(args) => args.run(),
         Command::Field(args) => args.run(),

@@ -2,9 +2,11 @@
 
 use super::Failure;
 use super::common::load;
-use crate::control::Control;
+use crate::bench_twin::{self, Bench, Side, Start};
+use crate::control::Hand;
 use crate::flash::Flash;
-use crate::server::{Options, Speed, Station, serve};
+use crate::machine::Machine;
+use crate::server::{BenchStation, MeterStation, Options, Served, Speed, Station, serve};
 use crate::session::power_up_from;
 use mio::Poll;
 use std::io::{self, IsTerminal, Write};
@@ -13,11 +15,20 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 
 /// Serves virtual stage controllers over TCP and a pseudo terminal.
+///
+/// With `--bench` there are two of them, input side and output side, before one bench for aligning a splitter chip, and
+/// on a third port the power meter with its optical switch. docs/BENCH.md has its commands.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Machine file, or `paper` for the paper's stage.
+    /// Machine file, or `paper` for the paper's stage. With `--bench`: the drawing of both its stages.
     #[arg(long, default_value = "paper")]
     machine: PathBuf,
+    /// Two controllers before the bench that this seed draws, and its power meter on the port behind theirs.
+    #[arg(long, value_name = "SEED", num_args = 0..=1, default_missing_value = "1", conflicts_with = "boards")]
+    bench: Option<u64>,
+    /// The bench starts +-30 um off; without it +-10 um.
+    #[arg(long, requires = "bench")]
+    coarse: bool,
     /// TCP port of the first board; the next ones follow. 0: the system chooses.
     #[arg(long, default_value_t = 5025)]
     port: u16,
@@ -43,7 +54,8 @@ pub struct Args {
     /// the end. Saved settings come before the machine's calibration. Further boards append their number: FILE.2.
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// Reads what a hand does at the stage from standard input: `stop open`, `stop closed`, `fault 2 on`, `fault 2 off`.
+    /// Reads what a hand does at the stage from standard input: `stop open`, `stop closed`, `fault 2 on`, `fault 2 off`;
+    /// at a bench also `laser off`, `laser 0` (dBm), `fibre 3 broken`, `fibre 3 whole`.
     #[arg(long)]
     console: bool,
 }
@@ -75,40 +87,82 @@ impl Args {
     /// A machine that is refused, an address that cannot be used.
     pub fn run(&self) -> Result<(), Failure> {
         let machine = load(&self.machine)?;
-        let net = |source| Failure::Io { path: format!("{}:{}", self.bind, self.port), source };
-        let poll = Poll::new().map_err(net)?;
-        let mut stations = Vec::new();
-        for board in 0..self.boards {
-            let port = match self.port {
-                0 => 0,
-                first => first.checked_add(board).ok_or_else(|| Failure::Refused("port above 65535".to_owned()))?,
-            };
-            let options = Options {
-                address: SocketAddr::new(self.bind, port),
-                pty: !self.no_pty,
-                speed: self.speed,
-                seed: self.seed.wrapping_add(board.into()),
-            };
-            let at = |source: io::Error| {
-                let hint = if source.kind() == io::ErrorKind::AddrInUse { " (--port takes another)" } else { "" };
-                Failure::Io { path: format!("{}{hint}", options.address), source }
-            };
-            let refused = |reason| Failure::Refused(format!("{}: {reason}", self.machine.display()));
-            let mut store = flash(self.settings.as_deref(), board)?.store();
-            let front = power_up_from(&mut store, &machine, self.cold).map_err(refused)?;
-            stations.push(Station::new(&machine, front, store, &options, &poll).map_err(at)?);
+        let poll = Poll::new().map_err(|source| self.net(source))?;
+        match self.bench {
+            Some(seed) => self.serve_bench(seed, machine, poll),
+            None => self.serve_boards(&machine, poll),
         }
+    }
+
+    fn serve_boards(&self, machine: &Machine, poll: Poll) -> Result<(), Failure> {
+        let stations = (0..self.boards).map(|board| self.station(board, machine, machine, &poll));
+        let mut stations = stations.collect::<Result<Vec<_>, _>>()?;
         println!("Stage controller, machine \"{}\"", machine.name);
         for (n, station) in stations.iter_mut().enumerate() {
-            println!("Board {}", n + 1);
-            println!("  TCP  {}", station.address().map_err(net)?);
-            if let Some(path) = station.terminal() {
-                println!("  PTY  {}", path.display());
-            }
+            self.introduce(&format!("Board {}", n + 1), station)?;
         }
         if let Some(address) = stations.first().and_then(|s| s.address().ok()) {
             println!("\nFrom Python (pip install pyvisa pyvisa-py):\n{}", snippet(address));
         }
+        self.until_interrupted(&mut stations, poll)
+    }
+
+    fn serve_bench(&self, seed: u64, drawing: Machine, poll: Poll) -> Result<(), Failure> {
+        let start = if self.coarse { Start::COARSE } else { Start::CAMERAS };
+        let name = drawing.name.clone();
+        let bench = Bench::seeded(seed, &bench_twin::Options { drawing, start, ..bench_twin::Options::default() });
+        let station = |side: Side| {
+            let refused = |reason| Failure::Refused(format!("bench {seed}: {reason}"));
+            let believed = bench.calibrated(side).map_err(|refusal| refused(refusal.to_string()))?.machine;
+            self.station(side.index() as u16, bench.machine(side), &believed, &poll)
+        };
+        let mut stations = [station(Side::Input)?, station(Side::Output)?];
+        let address = SocketAddr::new(self.bind, self.port_of(2)?);
+        let meter = MeterStation::new(address, &poll).map_err(|source| at(address, source))?;
+        println!("Bench {seed}, two stages of machine \"{name}\"");
+        for (side, station) in ["Input side", "Output side"].into_iter().zip(&mut stations) {
+            self.introduce(side, station)?;
+        }
+        println!("Power meter\n  TCP  {}", meter.address().map_err(|source| self.net(source))?);
+        self.until_interrupted(&mut [BenchStation::new(bench, stations, meter, self.speed)], poll)
+    }
+
+    /// A board, counted from 0, that turns the motors of `truth` and knows what `believed` says of it.
+    fn station(&self, board: u16, truth: &Machine, believed: &Machine, poll: &Poll) -> Result<Station, Failure> {
+        let options = Options {
+            address: SocketAddr::new(self.bind, self.port_of(board)?),
+            pty: !self.no_pty,
+            speed: self.speed,
+            seed: self.seed.wrapping_add(board.into()),
+        };
+        let refused = |reason| Failure::Refused(format!("{}: {reason}", self.machine.display()));
+        let mut store = flash(self.settings.as_deref(), board)?.store();
+        let front = power_up_from(&mut store, believed, self.cold).map_err(refused)?;
+        Station::new(truth, front, store, &options, poll).map_err(|source| at(options.address, source))
+    }
+
+    /// Port of a board or of the meter behind them.
+    fn port_of(&self, n: u16) -> Result<u16, Failure> {
+        match self.port {
+            0 => Ok(0),
+            first => first.checked_add(n).ok_or_else(|| Failure::Refused("port above 65535".to_owned())),
+        }
+    }
+
+    fn net(&self, source: io::Error) -> Failure {
+        Failure::Io { path: format!("{}:{}", self.bind, self.port), source }
+    }
+
+    /// Says where a board is found.
+    fn introduce(&self, name: &str, station: &mut Station) -> Result<(), Failure> {
+        println!("{name}\n  TCP  {}", station.address().map_err(|source| self.net(source))?);
+        if let Some(path) = station.terminal() {
+            println!("  PTY  {}", path.display());
+        }
+        Ok(())
+    }
+
+    fn until_interrupted<S: Served>(&self, served: &mut [S], poll: Poll) -> Result<(), Failure> {
         let _ = io::stdout().flush();
         let live = io::stderr().is_terminal();
         let status = |line: &str| {
@@ -117,19 +171,24 @@ impl Args {
                 eprint!("\r\x1b[K\x1b[?7l{line}\x1b[?7h");
             }
         };
-        let words = self.console.then(console);
+        let words = self.console.then(|| console(self.bench.is_some()));
         let hand = || words.as_ref().and_then(|words| words.try_recv().ok());
-        serve(&mut stations, poll, status, hand, || false).map_err(net)
+        serve(served, poll, status, hand, || false).map_err(|source| self.net(source))
     }
 }
 
+fn at(address: SocketAddr, source: io::Error) -> Failure {
+    let hint = if source.kind() == io::ErrorKind::AddrInUse { " (--port takes another)" } else { "" };
+    Failure::Io { path: format!("{address}{hint}"), source }
+}
+
 /// What standard input says a hand does, from a thread that waits for it.
-fn console() -> Receiver<Control> {
+fn console(bench: bool) -> Receiver<Hand> {
     let (said, heard) = channel();
     std::thread::spawn(move || {
         for line in io::stdin().lines().map_while(Result::ok).filter(|line| !line.trim().is_empty()) {
-            match line.parse() {
-                Ok(control) => drop(said.send(control)),
+            match Hand::parse(&line, bench) {
+                Ok(hand) => drop(said.send(hand)),
                 Err(why) => eprintln!("{why}"),
             }
         }

@@ -1,9 +1,10 @@
 //! `host-sim trace`: the pins of a session as a VCD file, for a logic analyser's viewer, or word by word.
 
 use super::Failure;
-use super::common::{board, load, say};
+use super::common::{board, load, say, say_bytes};
 use crate::board::Played;
 use crate::console::Console;
+use crate::light::Light;
 use crate::twin::after_word;
 use stage_controller::stepgen::pins::{DIR_PINS, STEP_PINS};
 use stage_controller::units::{Axis, SEGMENT_TICKS};
@@ -39,6 +40,12 @@ pub struct Args {
     /// comment; a built-in demonstration by default.
     #[arg(long, value_name = "FILE")]
     script: Option<PathBuf>,
+    /// What the power inputs see (TOML), for each of both a table `[[input]]`: `top`, the sum of eight conversions where
+    /// the light is greatest (full scale is 32760), `at`, the six motor counts there, and `fall`, six whole numbers: by
+    /// how much the sum is less one count of a motor away, in 2^-20; it grows with the square. In integers, so that
+    /// every board computes the same. Dark by default.
+    #[arg(long, value_name = "FILE")]
+    light: Option<PathBuf>,
     /// Like a board after power-up: not homed, disabled.
     #[arg(long)]
     cold: bool,
@@ -61,7 +68,14 @@ impl Args {
             Some(path) => std::fs::read_to_string(path).map_err(io(path))?,
             None => DEMO.into(),
         };
+        let light = self.light.as_ref().map(|path| {
+            let text = std::fs::read_to_string(path).map_err(io(path))?;
+            Light::parse(&text).map_err(|why| Failure::Refused(format!("{}: {why}", path.display())))
+        });
         let mut console = Console::new(board(&machine, self.cold)?);
+        if let Some(light) = light.transpose()? {
+            console.set_light(light);
+        }
         let played = console.board.played();
         let mut trace = match &self.output {
             Some(path) => Some(create(path).and_then(|file| Trace::new(file, played)).map_err(io(path))?),
@@ -81,7 +95,10 @@ impl Args {
         };
         let answers = console.script(&script, &mut observe).map_err(Failure::Refused)?;
         console.settle(&mut observe);
-        answers.iter().try_for_each(say)?;
+        answers.into_iter().try_for_each(|mut answer| {
+            answer.push(b'\n');
+            say_bytes(&answer)
+        })?;
         let errors = console.line("SYST:ERR:ALL?", observe);
         let board = &console.board;
         if let (Some(trace), Some(path)) = (trace, &self.output) {

@@ -4,7 +4,7 @@ use stage_controller::scpi::tree::{Entry, Kind, Param, TABLE};
 use std::fmt::Write;
 
 /// Groups of commands by the first node of their headers, in the order of the table.
-const GROUPS: [(&str, &str); 9] = [
+const GROUPS: [(&str, &str); 15] = [
     ("*", "Common commands"),
     ("SYSTem", "System"),
     ("STATus", "Status registers"),
@@ -14,6 +14,12 @@ const GROUPS: [(&str, &str); 9] = [
     ("POSE", "All axes"),
     ("VELocity", "All axes"),
     ("PIVot", "Rotation centre"),
+    ("SENSe", "Light"),
+    ("SCAN", "Scans"),
+    ("TRACe", "Recordings"),
+    ("FORMat", "Recordings"),
+    ("TRIGger", "Recordings"),
+    ("OUTPut", "Trigger output"),
 ];
 /// What is in no other group.
 const LAST_GROUP: &str = "Compensation";
@@ -38,7 +44,7 @@ pub fn sections() -> String {
 }
 
 fn section(entry: &Entry, text: &mut String) {
-    let header = entry.pattern.replace('#', "<n>");
+    let header = entry.pattern.replace('#', if *entry.numbers().end() == 2 { "<ch>" } else { "<n>" });
     let _ = writeln!(text, "#### `{header}`\n\n```text");
     if entry.has(false) {
         let _ = writeln!(text, "{header}{}", list(entry.params));

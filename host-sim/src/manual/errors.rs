@@ -13,16 +13,19 @@ fn when(number: ErrorNumber) -> Option<&'static str> {
         ParameterNotAllowed => "one parameter too many",
         MissingParameter => "a parameter is missing",
         UndefinedHeader => "no such command, or not in this form",
-        HeaderSuffixOutOfRange => "an axis that does not exist",
+        HeaderSuffixOutOfRange => "an axis or a power input that does not exist",
         ExponentTooLarge => "an exponent beyond 32000",
         InvalidSuffix => "a wrong unit",
         InvalidStringData => "a string without its end",
         InvalidBlockData => "a block that is too short, too long, or that pauses for two seconds",
-        InitIgnored => "an axis is being homed",
+        TriggerIgnored => "`*TRG` while neither a scan nor a trace waits for it",
+        InitIgnored => "an axis is being homed, a scan or a trace runs",
         SettingsConflict => {
             "a calibration block of another version or shape, a step rate above what the pulse timing allows, \
              a pivot that is not defined, a step size while a calibration gives it, a move too slow to be planned, \
-             homing with limit switches that are not watched, `*RCL` with nothing saved"
+             homing with limit switches that are not watched, `*RCL` with nothing saved, a scan that is not defined or of \
+             another kind, a climb whose step the play of a motor swallows; the text names axis, step and the least one \
+             that works"
         }
         DataOutOfRange => "a value or a move beyond a limit; the text names the axis and the value",
         DataCorrupt => "the CRC of a calibration block is wrong",
@@ -42,6 +45,10 @@ fn when(number: ErrorNumber) -> Option<&'static str> {
         Clock => "the crystal does not run",
         WatchdogRestart => "the watchdog restarted the controller",
         DriverFault => "a driver reports a fault: it is disabled, and not enabled before the fault has gone",
+        ScanFailed => {
+            "no light above the threshold, no maximum within the range, a saturated input, or no samples; the text says \
+             which, and the chapter on scans where the stage then stands"
+        }
         Moving => "the command needs standstill",
         NoCalibration => "a part of the compensation is switched on or asked for with no calibration loaded",
         AxisDisabled => "a motor that the move would step is disabled",

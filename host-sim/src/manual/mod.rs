@@ -6,11 +6,13 @@ mod settings;
 
 /// The whole manual.
 pub fn text() -> String {
-    let [rules, links, saving, safety, status, later] = [
+    let [rules, links, saving, safety, light, compare, status, later] = [
         include_str!("rules.md"),
         include_str!("links.md"),
         include_str!("saving.md"),
         include_str!("safety.md"),
+        include_str!("light.md"),
+        include_str!("compare.md"),
         include_str!("status.md"),
         include_str!("later.md"),
     ];
@@ -18,7 +20,7 @@ pub fn text() -> String {
     format!(
         "<!-- Made by `host-sim manual -o docs/COMMANDS.md` from src/scpi/tree/table.rs. -->\n\
          # The commands of the stage controller\n\n\
-         {rules}\n{links}\n{saving}\n{safety}\n\
+         {rules}\n{links}\n{saving}\n{safety}\n{light}\n{compare}\n\
          ## Commands\n\n\
          Every command can also raise the errors of syntax, -101 to -161.\n\n\
          {sections}\

@@ -64,7 +64,8 @@ fn unit(entry: &Entry, axis: Axis) -> &'static str {
 fn axes(pattern: &str, range: &RangeInclusive<usize>) -> String {
     let (first, last) = (range.start() + 1, range.end() + 1);
     let number = if first == last { first.to_string() } else { format!("{first}…{last}") };
-    pattern.replace('#', &if (first, last) == (1, 6) { "<n>".to_owned() } else { number })
+    let all = if pattern.starts_with("SENS") { ((1, 2), "<ch>") } else { ((1, 6), "<n>") };
+    pattern.replace('#', &if (first, last) == all.0 { all.1.to_owned() } else { number })
 }
 
 /// The table of all settings.
@@ -72,7 +73,11 @@ pub fn table() -> String {
     let mut live = Live::new();
     let mut text = String::from("| Setting | Unit | MIN | MAX | DEF |\n|---|---|---|---|---|\n");
     for entry in TABLE.iter().filter(|entry| is_setting(entry)) {
-        let per_axis = if entry.pattern.contains('#') { &Axis::ALL[..] } else { &Axis::ALL[..1] };
+        let per_axis = if entry.pattern.contains('#') {
+            &Axis::ALL[..usize::from(*entry.numbers().end())]
+        } else {
+            &Axis::ALL[..1]
+        };
         let mut rows: Vec<(RangeInclusive<usize>, &str, [String; 3])> = Vec::new();
         for (n, axis) in per_axis.iter().enumerate() {
             let (unit, range) = (unit(entry, *axis), live.range(entry, *axis));

@@ -7,9 +7,9 @@
 mod budget;
 mod field;
 mod number;
-mod page;
+pub(crate) mod page;
 mod paper;
-mod plot;
+pub(crate) mod plot;
 mod provenance;
 mod sensitivity;
 mod stage;

@@ -3,7 +3,8 @@
 use super::{Report, budget, field, paper, provenance, sensitivity, stage, travel};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-const STYLE: &str = include_str!("style.css");
+/// Style of all pages.
+pub const STYLE: &str = include_str!("style.css");
 
 /// A section of the page.
 #[derive(Clone, Debug)]

@@ -1,9 +1,11 @@
 //! One board with its links.
 
+use super::Served;
 use super::link::{State, Stream};
+use super::pace::{Pace, Speed, Turn};
 use super::pty::Pty;
 use crate::board::{Board, Interleaving};
-use crate::control::Control;
+use crate::control::Hand;
 use crate::flash::Flash;
 use crate::machine::Machine;
 use mio::net::{TcpListener, TcpStream};
@@ -18,28 +20,14 @@ use stage_controller::units::{Axis, SEGMENT_NS};
 use std::io::{self, Read, Write};
 use std::net::SocketAddr;
 use std::os::fd::{AsFd, AsRawFd};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Links of a board: sockets and the serial port.
 const LINKS: usize = 9;
-/// Most segments in one turn at full speed.
-const FLAT_OUT_SEGMENTS: u64 = 2000;
-/// Virtual time that a late turn makes up for; beyond, it is given up.
-const CATCH_UP: Duration = Duration::from_millis(250);
-/// Segments between two looks at the clock.
-const SEGMENTS_PER_LOOK: u64 = 8;
 /// Rounds of one turn for a client that leaves.
 const LAST_ROUNDS: usize = 64;
-const IDLE_TOKEN: Token = Token(0);
-
-/// How virtual time runs.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Speed {
-    /// As fast as the machine can, and only while something moves.
-    Max,
-    /// This many times wall time.
-    Factor(f64),
-}
+/// Of everything that wakes the server: it looks at all links then.
+pub(super) const TOKEN: Token = Token(0);
 
 /// How a board is set up.
 #[derive(Clone, Debug)]
@@ -87,11 +75,7 @@ pub struct Station {
     listener: TcpListener,
     clients: Vec<Client>,
     pty: Option<Terminal>,
-    speed: Speed,
-    /// Wall time up to which virtual time has run.
-    reached: Duration,
-    /// The last turn did not catch up with wall time.
-    late: bool,
+    pace: Pace,
     seen: Seen,
 }
 
@@ -111,11 +95,11 @@ impl Station {
         board.store = store;
         board.settle();
         let mut listener = TcpListener::bind(options.address)?;
-        poll.registry().register(&mut listener, IDLE_TOKEN, Interest::READABLE)?;
+        poll.registry().register(&mut listener, TOKEN, Interest::READABLE)?;
         let pty = match options.pty {
             true => {
                 let pty = Pty::new()?;
-                poll.registry().register(&mut SourceFd(&pty.as_fd().as_raw_fd()), IDLE_TOKEN, Interest::READABLE)?;
+                poll.registry().register(&mut SourceFd(&pty.as_fd().as_raw_fd()), TOKEN, Interest::READABLE)?;
                 Some(Terminal { stream: Stream::new(pty), link: None, leaving: false })
             }
             false => None,
@@ -126,9 +110,7 @@ impl Station {
             listener,
             clients: Vec::new(),
             pty,
-            speed: options.speed,
-            reached: Duration::ZERO,
-            late: false,
+            pace: Pace::new(options.speed),
             seen: Seen::default(),
         })
     }
@@ -146,35 +128,35 @@ impl Station {
         self.pty.as_mut().map(|pty| pty.stream.get_mut().path().to_owned())
     }
 
-    /// A hand does something at the stage.
-    pub fn control(&mut self, control: Control) {
-        control.apply(&mut self.board);
+    /// The board.
+    pub(super) fn board(&mut self) -> &mut Board {
+        &mut self.board
     }
 
-    /// True when virtual time runs as fast as it can, or lags behind.
-    pub fn is_flat_out(&self) -> bool {
-        self.speed == Speed::Max || self.late
-    }
-
-    /// One turn of the loop at this wall time, of which virtual time may take `budget`; true while something moves or
-    /// waits.
-    pub fn turn(&mut self, wall: Duration, budget: Duration) -> bool {
-        let now_ms = wall.as_millis() as u64;
+    /// Takes what the links have sent and executes it; true when something was.
+    pub(super) fn hear(&mut self, now_ms: u64) -> bool {
         self.accept(now_ms);
         self.read(now_ms);
         let executed = self.links.poll(&mut self.board.front, now_ms);
         self.part(now_ms);
         self.write();
-        self.advance(wall, budget);
+        executed
+    }
+
+    /// Answers after time has passed.
+    pub(super) fn tell(&mut self, now_ms: u64) {
         self.observe();
         self.links.poll(&mut self.board.front, now_ms);
         self.write();
-        executed || self.is_busy()
     }
 
-    fn is_busy(&self) -> bool {
-        self.board.front.operation_pending()
-            || self.board.has_news()
+    /// Something moves or is saved, something has happened at the stage, or a client waits for a reading.
+    pub(super) fn wants_time(&self) -> bool {
+        self.board.front.operation_pending() || self.board.has_news() || self.links.is_waiting()
+    }
+
+    pub(super) fn is_busy(&self) -> bool {
+        self.wants_time()
             || self.clients.iter().any(|c| c.stream.has_input() || c.leaving && !c.stream.has_output())
             || self.pty.as_ref().is_some_and(|pty| pty.leaving)
     }
@@ -263,37 +245,13 @@ impl Station {
         }
     }
 
-    fn advance(&mut self, wall: Duration, budget: Duration) {
-        let start = Instant::now();
-        let is_over = |n: u64| n % SEGMENTS_PER_LOOK == SEGMENTS_PER_LOOK - 1 && start.elapsed() >= budget;
-        match self.speed {
-            Speed::Max => {
-                for n in 0..FLAT_OUT_SEGMENTS {
-                    if !(self.board.front.operation_pending() || self.board.has_news()) || is_over(n) {
-                        break;
-                    }
-                    self.step();
-                }
-            }
-            Speed::Factor(factor) => {
-                if wall - self.reached > CATCH_UP {
-                    self.reached = wall - CATCH_UP;
-                }
-                let segment = Duration::from_nanos((SEGMENT_NS as f64 / factor) as u64).max(Duration::from_nanos(1));
-                let mut n = 0;
-                while self.reached + segment <= wall && !is_over(n) {
-                    self.reached += segment;
-                    self.step();
-                    n += 1;
-                }
-                self.late = self.reached + segment <= wall;
-            }
-        }
-    }
-
-    fn step(&mut self) {
+    /// One segment of virtual time. A message that has waited for it goes on in it.
+    pub(super) fn step(&mut self, now_ms: u64) {
         self.board.step(|_| ());
         self.observe();
+        if self.links.is_waiting() {
+            self.links.poll(&mut self.board.front, now_ms);
+        }
     }
 
     /// Short conditions are latched when they change, not only when a client asks.
@@ -313,8 +271,8 @@ impl Station {
         }
     }
 
-    /// The live line: pose, what moves, who is there.
-    pub fn status(&self) -> String {
+    /// Pose, what moves, who is there.
+    pub(super) fn line(&self) -> String {
         let front = &self.board.front;
         let pose = front.position();
         let unit = |axis: Axis| if axis.is_rotary() { Unit::ANGLE } else { Unit::LENGTH };
@@ -329,6 +287,33 @@ impl Station {
         let clients = self.clients.len() + usize::from(self.pty.as_ref().is_some_and(|pty| pty.link.is_some()));
         let seconds = self.board.played() as f64 * SEGMENT_NS as f64 * 1e-9;
         format!("{seconds:9.1} s  {}  {state}  {clients} client(s)", pose.join(" "))
+    }
+}
+
+impl Served for Station {
+    fn turn(&mut self, wall: Duration, budget: Duration) -> bool {
+        let now_ms = wall.as_millis() as u64;
+        let executed = self.hear(now_ms);
+        let mut turn = Turn::new(wall, budget);
+        while self.pace.takes(&mut turn, self.wants_time()) {
+            self.step(now_ms);
+        }
+        self.tell(now_ms);
+        executed || self.is_busy()
+    }
+
+    fn hand(&mut self, hand: Hand) {
+        if let Hand::Stage(control) = hand {
+            control.apply(&mut self.board);
+        }
+    }
+
+    fn is_flat_out(&self) -> bool {
+        self.pace.is_flat_out()
+    }
+
+    fn status(&self) -> String {
+        self.line()
     }
 }
 

@@ -15,7 +15,6 @@ use stage_controller::scpi::tree::{Form, Kind, TABLE};
 use stage_controller::settings::{self, BAUD_MAX, BAUD_MIN, BacklashMode, Settings};
 use stage_controller::store::record::seal;
 use stage_controller::store::{Buffer, RECORD_CAPACITY, Record, Standstill, Store, service};
-use stage_controller::units::AXES;
 use std::sync::OnceLock;
 
 /// The part of `full` to do: all of it in a release build.
@@ -154,11 +153,11 @@ pub fn any_settings() -> impl Strategy<Value = (Settings, bool)> {
 pub fn kept_settings() -> Vec<String> {
     let entries = TABLE.iter().filter(|entry| {
         let setting = entry.form == Form::Both && entry.query_params.iter().any(|p| p.kind == Kind::Extreme);
-        // the drivers are off after every start
-        setting && entry.pattern != "AXIS#:ENABle"
+        // the drivers are off after every start, and how records are answered or begun is not kept
+        setting && !["AXIS#:ENABle", "FORMat", "TRIGger:SOURce"].contains(&entry.pattern)
     });
     let headers = entries.flat_map(|entry| {
-        let axes = if entry.pattern.contains('#') { 1..=AXES } else { 1..=1 };
+        let axes = if entry.pattern.contains('#') { entry.numbers() } else { 1..=1 };
         axes.map(|n| entry.pattern.replace('#', &n.to_string()).replace(['[', ']'], ""))
     });
     headers.collect()

@@ -4,10 +4,14 @@
 
 mod axis;
 mod axis_settings;
+mod compare;
 mod compensation;
 mod pose;
+mod scan;
+mod sense;
 mod setting;
 mod system;
+mod trace;
 
 use super::front::{Front, axis_condition};
 use crate::error::Error;
@@ -24,8 +28,11 @@ use setting::{Kind, Setting, nanoseconds};
 /// Bits of STATus:OPERation and STATus:QUEStionable.
 mod condition {
     pub const HOMING: u16 = 1 << 0;
+    pub const SCANNING: u16 = 1 << 3;
+    pub const WAITING_FOR_TRIGGER: u16 = 1 << 5;
     pub const MOVING: u16 = 1 << 8;
     pub const TAKE_UP: u16 = 1 << 9;
+    pub const POWER: u16 = 1 << 3;
     pub const SETTINGS_LOST: u16 = 1 << 8;
     pub const DEADLINE: u16 = 1 << 9;
     pub const EMERGENCY_STOP: u16 = 1 << 10;
@@ -35,8 +42,10 @@ mod condition {
 
 impl Instrument for Front {
     fn execute(&mut self, link: u8, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
-        let stops =
-            matches!(call.command, C::Abort | C::AxisStopImmediate | C::AxisStop | C::Stop | C::EmergencyStopClear);
+        let stops = matches!(
+            call.command,
+            C::Abort | C::AxisStopImmediate | C::AxisStop | C::Stop | C::ScanStop | C::EmergencyStopClear
+        );
         if !call.query && !stops && self.is_busy_at_the_border() {
             return Ok(Flow::Wait);
         }
@@ -70,6 +79,7 @@ impl Instrument for Front {
                 out.integer(u8::from(self.stop_contact_open()));
             }
             C::EmergencyStopClear => self.clear_stop()?,
+            C::CompareDefine | C::CompareCount => compare::execute(self, call, out)?,
             C::StatusAxis => out.integer(self.axis_condition(call.axis())),
             _ => return other(self, link, call, out),
         }
@@ -112,8 +122,15 @@ impl Instrument for Front {
         if self.homing_axis().is_some() {
             conditions.operation |= condition::HOMING;
         }
+        if self.is_scanning() {
+            conditions.operation |= condition::SCANNING;
+        }
+        if self.awaits_trigger() {
+            conditions.operation |= condition::WAITING_FOR_TRIGGER;
+        }
         let health = self.health();
         for (set, bit) in [
+            (self.power_out_of_range(), condition::POWER),
             (self.settings_lost().is_some(), condition::SETTINGS_LOST),
             (self.missed_deadline(), condition::DEADLINE),
             (self.is_stopped(), condition::EMERGENCY_STOP),
@@ -138,6 +155,25 @@ fn reset(front: &mut Front) -> Flow {
 }
 
 fn other(front: &mut Front, link: u8, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
+    match call.command {
+        C::SensePower | C::SenseRange | C::SenseAverage | C::SenseInput | C::SenseScale | C::SenseDelay => {
+            return sense::execute(front, call, out);
+        }
+        C::ScanLine
+        | C::ScanRaster
+        | C::ScanSpiral
+        | C::ScanHill
+        | C::ScanParabola
+        | C::ScanStart
+        | C::ScanStop
+        | C::ScanContinue
+        | C::ScanState
+        | C::ScanResult => return scan::execute(front, call, out).map(|()| Flow::Done),
+        C::TraceConfigure | C::TraceArm | C::TracePoints | C::TraceData | C::Format | C::Trigger | C::TriggerSource => {
+            return trace::execute(front, call, out);
+        }
+        _ => {}
+    }
     match call.suffix {
         Some(_) => axis::execute(front, call.axis(), link, call, out).map(|()| Flow::Done),
         None => match call.command {

@@ -152,7 +152,7 @@ impl Front {
     /// -222 when it lies beyond the range of coordinates.
     pub(super) fn check_standing(&self, law: &Law) -> Result<(), Error> {
         let steps = self.report.final_steps;
-        if law.steps(law.forward(steps)) == steps {
+        if law.names(steps) {
             return Ok(());
         }
         Err(Error::text(ErrorNumber::DataOutOfRange, "the stage would stand beyond the range of coordinates"))

@@ -35,10 +35,8 @@ impl Front {
     fn try_check(&self, target: [i64; AXES], check: &mut Check) -> Result<(), Error> {
         self.armed()?;
         self.not_homing()?;
-        for axis in Axis::ALL {
-            self.ready(axis)?;
-        }
-        let target = self.pose_in_range(target)?;
+        self.not_scanning()?;
+        let target = self.homed_pose(target)?;
         let from = self.commanded();
         let over = self.overshoot(from, target);
         let mut plays = [Play::default(); AXES];

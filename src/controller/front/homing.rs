@@ -103,11 +103,9 @@ impl Front {
     /// switches of the axis are not watched, 102 when both are active, -222 when the counts cannot be named without the
     /// calibration.
     pub fn home(&mut self, axis: Axis) -> Result<(), Error> {
-        self.armed()?;
-        self.not_homing()?;
-        self.standstill()?;
+        self.free_to_begin()?;
         let i = axis.index();
-        let own = self.settings.axes[i];
+        let own = &self.settings.axes[i];
         if !self.enabled[i] {
             return Err(Error::axis(ErrorNumber::AxisDisabled, axis));
         }
@@ -124,8 +122,8 @@ impl Front {
         }
         let identity = Law::identity(&self.motors());
         self.check_standing(&identity)?;
-        let velocity = own.home.velocity;
-        self.homing = Some(Homing { axis, side: own.home.side, phase: Phase::Prepare, velocity, opened: 0 });
+        let (velocity, side) = (own.home.velocity, own.home.side);
+        self.homing = Some(Homing { axis, side, phase: Phase::Prepare, velocity, opened: 0 });
         self.homed[i] = false;
         self.put_law(identity, self.report.final_steps)
     }
@@ -196,7 +194,7 @@ impl Front {
         self.events.homing = error.or(self.events.homing);
         let law = self.real_law();
         let mut steps = self.report.final_steps;
-        if law.steps(law.forward(steps)) != steps {
+        if !law.names(steps) {
             // it was not homed and stands beyond what the law can name: the count means nothing anyway
             steps.0[homing.axis.index()] = 0;
         }
@@ -337,7 +335,7 @@ impl Front {
         let offset = self.settings.axes[i].home.reference(&motor);
         steps.0[i] = units_to_steps(offset.into(), motor.step_q32) as i32;
         let law = self.real_law();
-        if law.steps(law.forward(steps)) != steps {
+        if !law.names(steps) {
             let text = "HOME:OFFS is beyond the range of coordinates";
             return self.end_homing(Some(Error::axis_text(ErrorNumber::DataOutOfRange, axis, text)));
         }

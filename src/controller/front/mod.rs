@@ -6,22 +6,31 @@
 //! leave every motor where it is: the logical pose is recomputed by the forward map.
 
 mod calibration;
+mod compare;
 mod dry_run;
 mod flanks;
 mod homing;
+mod light;
 mod motion;
 mod orders;
 mod safety;
+mod scan;
+mod sense;
 mod standstill;
 mod storage;
 
+use compare::Comparing;
 pub use dry_run::Check;
 use flanks::Preload;
 use homing::Homing;
 pub use homing::{REFERENCE_NM, REFERENCE_NRAD, SLOW_STEP_US};
+use light::Lent;
+pub use light::LightMemory;
 use orders::{Waiting, WaitingOrder};
 pub use safety::Health;
 use safety::{EmergencyStop, Events};
+use sense::Sense;
+pub use sense::{Format, Trigger};
 use storage::Storage;
 pub use storage::{Start, StorageRequest};
 
@@ -33,6 +42,7 @@ use crate::motion::limits::{AxisLimits, Limits};
 use crate::motion::planner::{Capability, Ordered, Planner, Versioned};
 use crate::refill::border::Report;
 use crate::refill::safety::{Inputs, Watch};
+use crate::scan::status;
 use crate::settings::{self, Settings};
 use crate::stepgen::timing::Timing;
 use crate::units::{AXES, Axis, MotorSteps, Pose, SEGMENT_TICKS, wide};
@@ -111,6 +121,8 @@ pub struct Front {
     /// A motion that was accepted and turned out to break a limit.
     late_error: Option<Error>,
     report: Report,
+    sense: Sense,
+    comparing: Comparing,
     events: Events,
     storage: Storage,
     pivots: [Option<[i32; 3]>; PIVOTS],
@@ -124,10 +136,13 @@ pub struct Front {
     orders: heapless::Deque<WaitingOrder, ORDERS>,
     block: heapless::Vec<u8, BLOCK_CAPACITY>,
     planner: Planner,
+    light: Lent,
 }
 
 // Most of it is the planner's slots. It lives in static memory, of which the board has 64 KB for everything.
-const _: () = assert!(size_of::<Front>() <= 22 * 1024);
+const _: () = assert!(size_of::<Front>() - size_of::<Lent>() <= 22 * 1024);
+// Beside it, for what is seen of the light.
+const _: () = assert!(size_of::<LightMemory>() <= 39 * 1024);
 
 /// Counts without overlay that were named at standstill, and the order that says so.
 #[derive(Clone, Copy, Debug)]
@@ -178,6 +193,9 @@ impl Front {
             planner: Planner::at_rest(Pose::default()),
             // lines that are pulled up, until they are known
             report: Report { settled: true, inputs: Inputs { fault: 0x3f, ..Inputs::default() }, ..Report::default() },
+            sense: Sense::default(),
+            light: Lent::default(),
+            comparing: Comparing::default(),
             sequence: 0,
             lead: LEAD,
             planned_from: 0,
@@ -227,14 +245,16 @@ impl Front {
         let aborted = report.aborts != self.report.aborts;
         self.report = report;
         if aborted {
-            self.halted(self.abort != Abort::None);
-            let homing_goes_on = self.homing_outlives(self.abort != Abort::None);
+            let asked = self.abort != Abort::None;
+            self.halted(asked);
+            let homing_goes_on = self.homing_outlives(asked);
             self.abort = Abort::None;
             self.orders.clear();
             self.preload = None;
             self.jog_links = [None; AXES];
             // what was ordered while it moved may be lost
             self.told = [None; AXES];
+            self.end_scan(if asked { status::STOPPED } else { status::FAILED });
             if self.homing.is_some() && !homing_goes_on {
                 self.end_homing(None);
             } else {
@@ -246,6 +266,7 @@ impl Front {
                 let _ = self.set_pulses(&settings).and_then(|()| self.change_law());
             }
         }
+        self.follow_compare(&report, aborted);
         self.follow_stop();
         let answered = |sequence: u16| report.answered.wrapping_sub(sequence) < 0x8000;
         self.hold = self.hold.filter(|sequence| !answered(*sequence));
@@ -276,6 +297,7 @@ impl Front {
         }
         self.continue_preload();
         self.continue_homing();
+        self.continue_scan();
         if self.hold.is_some() {
             return;
         }
@@ -307,6 +329,7 @@ impl Front {
             self.late_error = Some(error);
             self.preload = None;
             self.end_homing(None);
+            self.end_scan(status::FAILED);
         }
         if self.planner.is_running() {
             self.missed_deadline = false;
@@ -333,6 +356,7 @@ impl Front {
             || self.abort != Abort::None
             || self.preload.is_some()
             || self.homing.is_some()
+            || self.is_scanning()
             || self.is_rearming()
             || !self.orders.is_empty()
             || self.report.answered != self.sequence
@@ -357,7 +381,12 @@ impl Front {
     }
 
     fn standstill(&self) -> Result<(), Error> {
-        if self.is_moving() || self.abort != Abort::None || self.preload.is_some() || self.homing.is_some() {
+        if self.is_moving()
+            || self.abort != Abort::None
+            || self.preload.is_some()
+            || self.homing.is_some()
+            || self.is_scanning()
+        {
             return Err(refuse(ErrorNumber::Moving));
         }
         Ok(())

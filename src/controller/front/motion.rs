@@ -8,8 +8,10 @@ use crate::units::{AXES, Axis, Pose, SEGMENT_NS, wide};
 impl Front {
     /// While an immediate stop is carried out, nobody knows yet from where a move would start; a take-up on command
     /// is not to be disturbed.
+    #[inline(never)]
     fn free_to_move(&self) -> Result<(), Error> {
         self.not_homing()?;
+        self.not_scanning()?;
         if self.abort == Abort::None && self.preload.is_none() { Ok(()) } else { Err(refuse(ErrorNumber::Moving)) }
     }
 
@@ -76,10 +78,7 @@ impl Front {
     /// 103, 101, 109, 108, 102, -222: nothing moves.
     pub fn pose_absolute(&mut self, target: [i64; AXES]) -> Result<(), Error> {
         self.armed()?;
-        for axis in Axis::ALL {
-            self.ready(axis)?;
-        }
-        let target = self.pose_in_range(target)?;
+        let target = self.homed_pose(target)?;
         self.go(target)
     }
 
@@ -106,6 +105,16 @@ impl Front {
         }
         self.jog_links = [None; AXES];
         Ok(())
+    }
+
+    /// A pose to which a stage may go that is homed.
+    ///
+    /// # Errors
+    /// 101, 109, 108, -222.
+    #[inline(never)]
+    pub(super) fn homed_pose(&self, pose: [i64; AXES]) -> Result<Pose, Error> {
+        Axis::ALL.into_iter().try_for_each(|axis| self.ready(axis))?;
+        self.pose_in_range(pose)
     }
 
     pub(super) fn pose_in_range(&self, pose: [i64; AXES]) -> Result<Pose, Error> {
@@ -204,6 +213,7 @@ impl Front {
     /// Decelerates an axis, and every coordinated move that it belongs to.
     pub fn stop(&mut self, axis: Axis) {
         self.stop_homing(axis);
+        self.stop_scan();
         if self.preload.take().is_some() {
             self.planner.stop_coordinated();
         }
@@ -218,12 +228,14 @@ impl Front {
 
     /// Stops all motors at once, at the word that plays now.
     pub fn abort(&mut self) {
+        self.abort_trace();
         if self.abort == Abort::None && !self.planner.is_running() && self.report.settled {
             // nothing has begun: there is nothing to stop, only something to forget
             self.planner.forget();
             self.preload = None;
             self.jog_links = [None; AXES];
             self.end_homing(None);
+            self.end_scan(crate::scan::status::STOPPED);
         } else if self.abort == Abort::None {
             self.judge_speeds(self.report.played);
             self.planner.clear();

@@ -18,6 +18,7 @@ pub(super) enum Waiting {
     Flank { motor: u8, flank: Option<Flank> },
     Rest { motor: u8, flank: Option<Flank>, overlay: i32 },
     Pulses,
+    Compare,
 }
 
 /// An order that waits, see [`Order`].
@@ -46,6 +47,7 @@ impl Front {
                 Waiting::Flank { motor, flank } => Action::Flank { motor, flank },
                 Waiting::Rest { motor, flank, overlay } => Action::Rest { motor, flank, overlay },
                 Waiting::Pulses => Action::Pulses(self.timing),
+                Waiting::Compare => Action::Compare(self.comparing.wanted),
             };
             return Some(Order { sequence, segment, aborts, action });
         }

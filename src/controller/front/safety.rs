@@ -58,6 +58,8 @@ pub(super) struct Events {
     clock: bool,
     /// A homing ended without a reference.
     pub homing: Option<Error>,
+    /// A scan ended without a result.
+    pub scan: Option<Error>,
 }
 
 impl Events {
@@ -89,7 +91,7 @@ impl Events {
         if core::mem::take(&mut self.clock) {
             return Some(Error::text(ErrorNumber::Clock, CLOCK));
         }
-        self.homing.take()
+        self.homing.take().or_else(|| self.scan.take())
     }
 }
 

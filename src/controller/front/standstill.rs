@@ -14,6 +14,7 @@ use crate::units::{AXES, Axis, MotorSteps};
 impl Front {
     /// Stands at motor counts: the pose follows from the law, no motor moves.
     pub(super) fn stand_at(&mut self, steps: MotorSteps) {
+        self.forget_stopped_scan();
         let pose = self.capability.law.forward(steps);
         self.planner.rest_at(pose);
         // the queue was just cleared or has room: standstill comes first
@@ -41,7 +42,7 @@ impl Front {
             }
             steps.0[i] = steps.0[i].wrapping_add(by as i32);
         }
-        if law.steps(law.forward(steps)) != steps {
+        if !law.names(steps) {
             return Err(Error::axis(ErrorNumber::DataOutOfRange, axis));
         }
         self.homed[i] = true;
@@ -132,8 +133,10 @@ impl Front {
         self.settings.override_percent = fresh.override_percent;
         self.settings.jog_timeout_ms = fresh.jog_timeout_ms;
         self.settings.switches = fresh.switches;
+        self.reset_sense();
         self.pivot = 0;
         self.pivots = [None; PIVOTS];
+        self.reset_compare();
         if self.abort == Abort::None {
             let _ = self.set_pulses(&fresh_pulses(&self.settings, &fresh)).and_then(|()| self.change_law());
         } else {
@@ -160,6 +163,7 @@ impl Front {
             };
         }
         self.refresh_homing();
+        self.refresh_scan();
         self.refresh_watch();
         self.capability.override_percent = self.settings.override_percent;
     }

@@ -138,7 +138,7 @@ impl Front {
             *steps = steps.wrapping_sub(*overlay);
         }
         let law = &self.capability.law;
-        let is_a_pose = law.steps(law.forward(steps)) == steps;
+        let is_a_pose = law.names(steps);
         let bit = |mask: u8| core::array::from_fn(|i| mask >> i & 1 != 0);
         let certain = is_a_pose && !standstill.moving;
         self.homed = if certain && cause == Start::Reset { bit(standstill.homed) } else { [false; AXES] };

@@ -7,6 +7,8 @@
 //! a take-up that has begun is finished before the next one begins. It begins only while something moves, or where
 //! one ends during which the motor turned again.
 
+use crate::units::wide;
+
 /// Side of the play on which the gear rests: the direction in which the motor moved last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Flank {
@@ -94,8 +96,8 @@ impl TakeUp {
     #[inline(never)]
     fn begin(from: i32, to: i32, quarter: u32) -> Self {
         let quarter = quarter.max(1);
-        let inverse = (1u64 << 62) / u64::from(quarter);
-        TakeUp { from, to, elapsed: 0, quarter, inverse: [inverse, inverse / 3 * 4] }
+        let inverse = wide::over_word(1 << 62, quarter);
+        TakeUp { from, to, elapsed: 0, quarter, inverse: [inverse, wide::over_word(inverse, 3) * 4] }
     }
 
     /// Four phases of constant jerk, each a quarter: sigma = 16/3 x^3, then 1/2 - 2 y + 16/3 y^3 with y = 1/2 - x,

@@ -188,6 +188,12 @@ impl Law {
         pose.rounded()
     }
 
+    /// True when these counts are those of a pose within the range of coordinates.
+    #[inline(never)]
+    pub fn names(&self, steps: MotorSteps) -> bool {
+        self.steps(self.forward(steps)) == steps
+    }
+
     /// Step size of a motor, Q32 nm or nrad.
     pub fn step_q32(&self, motor: usize) -> u64 {
         self.step[motor]

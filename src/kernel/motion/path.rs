@@ -203,7 +203,7 @@ fn cubic(phase: &mut Phase, n: u32, start: i64, back: bool, from: &Point, to: &P
     let swings = turns_round(from.a, to.a);
     let near = !swings && !turns_round(from.v, to.v) || {
         let drift = wide::times(from.v.abs(), n)?;
-        let bend = if swings { wide::times(wide::times(from.a.abs().max(to.a.abs()), n)?, n)? / 2 } else { 0 };
+        let bend = if swings { wide::times(wide::times(from.a.abs().max(to.a.abs()), n)?, n)? >> 1 } else { 0 };
         drift.checked_add(bend)? < ROOM
     };
     let turned = |c: i64| if back { -c } else { c };

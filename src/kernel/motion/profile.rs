@@ -45,7 +45,7 @@ pub(super) struct Phase {
 ///
 /// Beyond the end of a profile that ends at rest stands the exact end position. A jog profile
 /// goes on at its end velocity; see [`super::plan::to_velocity`].
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Profile {
     /// Behind the last of `count` stands what was there before: profiles are made over others.
     pub(super) phases: [Phase; MAX_PHASES],
@@ -66,6 +66,16 @@ fn scaled(c: i64, tau: u32, up: u32) -> i64 {
     let high = (c >> 32).wrapping_mul(i64::from(tau)).wrapping_shl(up);
     let low = (u64::from(c as u32) * u64::from(tau)) >> (32 - up);
     high.wrapping_add(low as i64)
+}
+
+impl Default for Profile {
+    /// At rest at zero. A constant: fields set one by one would be code for each of the phases.
+    fn default() -> Self {
+        const PHASE: Phase = Phase { end: 0, shift: 0, c: [0; 4] };
+        const RESTING: Profile =
+            Profile { phases: [PHASE; MAX_PHASES], count: 0, duration: 0, last: 0, end_position: 0, end_velocity: 0 };
+        RESTING
+    }
 }
 
 impl Profile {

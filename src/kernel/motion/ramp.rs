@@ -52,6 +52,7 @@ impl Rates {
     /// The limits that matter in whole segments: an acceleration above a change to the largest
     /// speed within one segment, or a jerk above a change to the largest acceleration, cannot be
     /// used, and a lead-in at that jerk would break the other limits.
+    #[inline(never)]
     pub fn usable(self, from: Point) -> Rates {
         let speed = self.v.max(from.v.abs()).max(from.a.abs());
         let a = self.a.min(speed);

@@ -57,7 +57,7 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
         // forced in any case is kept for the little that remains before the stop.
         rates.v = if slowing { free } else { free.max(at.v) };
     }
-    let near_limit = free > rates.v - rates.v / 8;
+    let near_limit = free > rates.v - (rates.v >> 3);
     let crossing = at.a < 0 && (!slowing || free <= rates.v) || at.a > 0 && near_limit;
     if lead && crossing {
         lead_in(&mut path, &rates)?;
@@ -69,7 +69,8 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
     let free = at.v + rates.forced(at.a)?;
     let (mut low, mut high) = (wide::within(free, 0, rates.v), rates.v);
     for _ in 0..STEPS {
-        let middle = low + (high - low) / 2;
+        // shifted: a compiler for size calls a division of 128 bits even for a half
+        let middle = low + ((high - low) >> 1);
         let (found, reach) = shape(at, middle, &rates)?;
         if reach > way {
             high = middle;
@@ -82,7 +83,7 @@ pub(super) fn direct(mut path: Path, way: i128, mut rates: Rates, lead: bool) ->
         }
     }
     let found = cruise_at(path, low, way, &rates);
-    if free <= 0 || low > free + free / 4 {
+    if free <= 0 || low > free + (free >> 2) {
         return found;
     }
     // Hardly anything to gain from a rise: the stop alone may fit better.

@@ -46,6 +46,10 @@ pub enum Dimension {
     Percent,
     /// A plain whole number.
     Count,
+    /// Thousandths of a dB or dBm; text in dB or dBm.
+    Level,
+    /// pW; text in W by default.
+    Power,
 }
 
 /// A dimension and how often it is divided by time.
@@ -69,6 +73,10 @@ impl Unit {
     pub const PERCENT: Unit = Unit { dimension: Dimension::Percent, order: 0 };
     /// Nanoseconds.
     pub const TIME: Unit = Unit { dimension: Dimension::Time, order: 0 };
+    /// Thousandths of a dB or dBm.
+    pub const LEVEL: Unit = Unit { dimension: Dimension::Level, order: 0 };
+    /// Picowatts.
+    pub const POWER: Unit = Unit { dimension: Dimension::Power, order: 0 };
     /// Nanometres.
     pub const LENGTH: Unit = Unit { dimension: Dimension::Length, order: 0 };
     /// Nanoradians.
@@ -93,6 +101,8 @@ impl Unit {
             (Dimension::Time, _) => "s",
             (Dimension::Percent, _) => "%",
             (Dimension::Count, _) => "",
+            (Dimension::Level, _) => "dBm",
+            (Dimension::Power, _) => "W",
         }
     }
 }
@@ -279,6 +289,10 @@ fn factor(unit: Unit, suffix: &[u8]) -> Option<Factor> {
         Dimension::Time => &[("", 9, false), ("S", 9, false), ("MS", 6, false), ("US", 3, false), ("NS", 0, false)],
         Dimension::Percent => &[("", 0, false), ("PCT", 0, false), ("%", 0, false)],
         Dimension::Count => &[("", 0, false)],
+        Dimension::Level => &[("", 3, false), ("DB", 3, false), ("DBM", 3, false)],
+        Dimension::Power => {
+            &[("", 12, false), ("W", 12, false), ("MW", 9, false), ("UW", 6, false), ("NW", 3, false), ("PW", 0, false)]
+        }
     };
     if base.is_empty() && !suffix.is_empty() {
         return None;
@@ -356,7 +370,8 @@ impl Formatted {
     pub fn write(&self, to: &mut dyn Write) -> fmt::Result {
         let magnitude = u128::from(self.value.unsigned_abs());
         let (scaled, decimals) = match self.unit.dimension {
-            Dimension::Length => (magnitude, 3),
+            Dimension::Length | Dimension::Level => (magnitude, 3),
+            Dimension::Power => (magnitude, 12),
             Dimension::Angle => (round_shift(multiply(magnitude, E8_DEG_PER_NRAD), 120).unwrap_or(0), 8),
             Dimension::Time => (magnitude, 9),
             Dimension::Percent | Dimension::Count => (magnitude, 0),

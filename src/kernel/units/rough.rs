@@ -165,7 +165,7 @@ impl Rough {
     }
 
     /// Not above, and whether it is exact.
-    #[inline(always)]
+    #[inline(never)]
     const fn quotient(self, by: Rough) -> (Rough, bool) {
         if by.mantissa == 0 {
             return (Rough::INFINITE, true);
@@ -228,6 +228,11 @@ impl Rough {
         let below = self.cube_root_down();
         // three of its 20 or 21 bits: it is too small by two at most
         if below.mantissa == 0 { below } else { below.plus_up(Rough::down(3, -below.exponent - 12)) }
+    }
+
+    /// Bits of its whole part, or minus the zeros behind its point; of zero: 0.
+    pub const fn magnitude(self) -> i32 {
+        if self.mantissa == 0 { 0 } else { self.exponent + 32 }
     }
 
     /// Rounded down, in 128 bits; none where it has more than `most`, at least 32.

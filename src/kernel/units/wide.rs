@@ -8,7 +8,7 @@
 
 /// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set: two half digits by the
 /// processor's division.
-#[inline(always)]
+#[inline(never)]
 pub(super) const fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
     let (first, rest) = half_digit(high, low >> 16, by);
     let (second, rest) = half_digit(rest, low & 0xffff, by);
@@ -101,6 +101,17 @@ pub fn div_rem(dividend: u128, divisor: u128) -> (u128, u128) {
 #[inline(always)]
 fn halves(x: u128) -> (u64, u64) {
     ((x >> 64) as u64, x as u64)
+}
+
+/// Quotient of 64 bits by 32, rounded down: fast enough for the refill. By zero: the largest number.
+#[inline(never)]
+pub fn over_word(dividend: u64, divisor: u32) -> u64 {
+    let (high, low) = ((dividend >> 32) as u32, dividend as u32);
+    let (Some(first), Some(rest)) = (high.checked_div(divisor), high.checked_rem(divisor)) else { return u64::MAX };
+    // both to the left, until the divisor's top bit is set
+    let up = divisor.leading_zeros();
+    let (second, _) = two_by_one(rest << up | (low >> 1) >> (31 - up), low << up, divisor << up);
+    u64::from(first) << 32 | u64::from(second)
 }
 
 /// Quotient, rounded down.
@@ -301,6 +312,7 @@ mod tests {
                 assert_eq!(sixth(n), n / 6, "{n} / 6");
                 let small = (d as u32).max(1);
                 assert_eq!(over_small(n, small), n / i128::from(small), "{n} / {small}");
+                assert_eq!(over_word(n as u64, small), n as u64 / u64::from(small), "{} / {small}", n as u64);
             }
             if d > 0 {
                 assert_eq!(signed_div_up(n, d), n / d + i128::from(n % d > 0));

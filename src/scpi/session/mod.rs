@@ -84,6 +84,7 @@ pub struct Session {
 
 impl Session {
     /// A link as after power-up. `link` is handed to the instrument.
+    #[inline(never)]
     pub const fn new(link: u8) -> Self {
         Session {
             link,
@@ -286,6 +287,11 @@ impl Session {
     /// Answers wait for the link.
     pub fn has_output(&self) -> bool {
         self.out.is_available()
+    }
+
+    /// A message is held up: by motion, or by a reading that is not there yet.
+    pub fn is_waiting(&self) -> bool {
+        self.busy && !self.has_output()
     }
 
     /// Queues a device event, which goes to every link.

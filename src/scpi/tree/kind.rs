@@ -31,6 +31,16 @@ pub enum Kind {
     Block,
     /// String.
     Text,
+    /// Number of an axis, 1..6.
+    AxisNumber,
+    /// List of axes, `(@1,2)`.
+    AxisList,
+    /// Length or angle of the axis that was named before.
+    Span,
+    /// dBm.
+    Level,
+    /// What an input's voltage means: two numbers or three.
+    Meter,
     /// `MIN|MAX|DEF` in a query.
     Extreme,
 }
@@ -54,6 +64,7 @@ impl Param {
         match self.kind {
             Kind::Pose | Kind::PoseDelta => 6,
             Kind::Point => 3,
+            Kind::Meter => 2,
             _ => 1,
         }
     }
@@ -64,7 +75,7 @@ pub(super) const fn arity(params: &[Param]) -> (u8, u8) {
     let (mut least, mut most, mut n) = (0, 0, 0);
     while n < params.len() {
         let width = params[n].width() as u8;
-        most += width;
+        most += width + matches!(params[n].kind, Kind::Meter) as u8;
         if !params[n].optional {
             least += width;
         }
@@ -93,6 +104,11 @@ impl Kind {
             Kind::Point => "three lengths",
             Kind::Block => "definite block",
             Kind::Text => "string",
+            Kind::AxisNumber => "number of an axis",
+            Kind::AxisList => "list of axes",
+            Kind::Span => "distance",
+            Kind::Level => "power",
+            Kind::Meter => "LINear,<W/V> or LOGarithmic,<dB/V>,<dBm at 0 V>",
             Kind::Extreme => "MIN, MAX or DEF",
         }
     }
@@ -100,7 +116,7 @@ impl Kind {
     /// The unit of a number without suffix; of linear and of rotary axes where they differ. Empty: none.
     pub const fn unit(self) -> &'static str {
         match self {
-            Kind::Coordinate | Kind::StepSize => "um or deg",
+            Kind::Coordinate | Kind::StepSize | Kind::Span => "um or deg",
             Kind::Displacement => "um or deg; STEP",
             Kind::Rate(1) => "um/s or deg/s",
             Kind::Rate(2) => "um/s2 or deg/s2",
@@ -110,7 +126,16 @@ impl Kind {
             Kind::Pose => "um, um, um, deg, deg, deg",
             Kind::PoseDelta => "um, um, um, deg, deg, deg; STEP",
             Kind::Point => "um",
-            Kind::Boolean | Kind::Choice(_) | Kind::Integer(..) | Kind::Block | Kind::Text | Kind::Extreme => "",
+            Kind::Level => "dBm",
+            Kind::AxisNumber
+            | Kind::AxisList
+            | Kind::Meter
+            | Kind::Boolean
+            | Kind::Choice(_)
+            | Kind::Integer(..)
+            | Kind::Block
+            | Kind::Text
+            | Kind::Extreme => "",
         }
     }
 }

@@ -109,6 +109,8 @@ pub enum Command {
     PivotDefine,
     PivotSelect,
     PivotQuery,
+    CompareDefine,
+    CompareCount,
     CompensationState,
     CompensationCouplingState,
     CompensationPivotState,
@@ -118,6 +120,29 @@ pub enum Command {
     CompensationCrc,
     CompensationName,
     CompensationMatrix,
+    SensePower,
+    SenseRange,
+    SenseAverage,
+    SenseInput,
+    SenseScale,
+    SenseDelay,
+    ScanLine,
+    ScanRaster,
+    ScanSpiral,
+    ScanHill,
+    ScanParabola,
+    ScanStart,
+    ScanStop,
+    ScanContinue,
+    ScanState,
+    ScanResult,
+    TraceConfigure,
+    TraceArm,
+    TracePoints,
+    TraceData,
+    Format,
+    Trigger,
+    TriggerSource,
 }
 
 /// Forms of a command.
@@ -170,6 +195,11 @@ impl Entry {
     pub fn arity(&self, query: bool) -> (usize, usize) {
         let (least, most) = self.arity[usize::from(query)];
         (least.into(), most.into())
+    }
+
+    /// Numbers that its header may have in place of `#`: of axes, or of power inputs.
+    pub fn numbers(&self) -> core::ops::RangeInclusive<u8> {
+        1..=if self.pattern.starts_with("SENS") { 2 } else { 6 }
     }
 
     /// True when the form exists.
@@ -237,7 +267,7 @@ pub fn find(nodes: &[&[u8]], query: bool) -> Result<(&'static Entry, Option<u8>)
         if let Some(suffix) = match_nodes(entry.pattern.as_bytes(), nodes) {
             return match suffix {
                 None => Ok((entry, None)),
-                Some(n @ 1..=6) => Ok((entry, Some(n))),
+                Some(n) if entry.numbers().contains(&n) => Ok((entry, Some(n))),
                 Some(_) => Err(ErrorNumber::HeaderSuffixOutOfRange),
             };
         }

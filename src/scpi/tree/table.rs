@@ -49,6 +49,22 @@ const NO_CALIBRATION: &[ErrorNumber] = &[NoCalibration];
 const STORAGE_ERRORS: &[ErrorNumber] = &[DataOutOfRange, StorageFault, Moving];
 const RECALL_ERRORS: &[ErrorNumber] = &[DataOutOfRange, SettingsConflict, StorageFault, Moving];
 const RANGE: &[ErrorNumber] = &[DataOutOfRange];
+const SCAN_ERRORS: &[ErrorNumber] =
+    &[InitIgnored, SettingsConflict, DataOutOfRange, LimitSwitch, EmergencyStop, Moving, AxisDisabled, ScanFailed];
+const DEFINE_ERRORS: &[ErrorNumber] = &[InitIgnored, SettingsConflict, DataOutOfRange];
+const SENSE_ERRORS: &[ErrorNumber] = &[InitIgnored, DataOutOfRange];
+const SCAN: Param = param("id", Kind::Integer(0, 7));
+const CHANNEL: Param = param("ch", Kind::Integer(1, 2));
+const AXIS: Param = param("axis", Kind::AxisNumber);
+const SECOND_AXIS: Param = param("axis2", Kind::AxisNumber);
+const SCAN_RANGE: Param = param("range", Kind::Span);
+const PITCH: Param = param("pitch", Kind::Span);
+const STEP: Param = param("step", Kind::Span);
+const THRESHOLD: Param = Param { name: "threshold", kind: Kind::Level, optional: true, extremes: true };
+const END: Param =
+    Param { name: "end", kind: Kind::Choice(&["PEAK", "STAY", "STARt", "FIRSt"]), optional: true, extremes: false };
+const FLANK: Param =
+    Param { name: "flank", kind: Kind::Choice(&["POSitive", "NEGative"]), optional: true, extremes: false };
 
 #[cfg_attr(target_os = "none", expect(unused_variables))]
 const fn entry(command: C, pattern: &'static str, form: Form, params: &'static [Param], help: &'static str) -> Entry {
@@ -147,6 +163,9 @@ pub const TABLE: &[Entry] = &[
     entry(C::OperationComplete, "*OPC", Form::Both, NONE, "Tells when all motion, scanning and take-up have ended.")
         .example("*OPC?"),
     set(C::Wait, "*WAI", NONE, "Waits until all motion, scanning and take-up have ended."),
+    set(C::Trigger, "*TRG", NONE, "Begins the scan or the recording that waits for it.")
+        .errors(&[TriggerIgnored, EmergencyStop])
+        .example("*TRG"),
     query(C::SelfTest, "*TST", "Self-test: 0 passed.").example("*TST?"),
     query(C::Options, "*OPT", "Options fitted.").example("*OPT?"),
     set(C::Save, "*SAV", PLACE, "Saves settings, calibration and where the motors stand; goes on when they are saved.")
@@ -499,6 +518,22 @@ pub const TABLE: &[Entry] = &[
     query(C::PivotQuery, "PIVot", "The rotation centre in use: number and x, y, z.")
         .errors(NO_CALIBRATION)
         .example("PIV?"),
+    mask(
+        C::CompareDefine,
+        "OUTPut:PCOMpare",
+        &[
+            param("axis", Kind::Integer(1, 6)),
+            param("start", Kind::Coordinate),
+            param("step", Kind::Coordinate),
+            param("count", Kind::Integer(0, 65_535)),
+        ],
+        "Pulses of the trigger output, one after the other, where the axis passes start, start + step, ...; count 0: off.",
+    )
+    .range("axis 1..6; count 0..65535; steps that take the axis two pulse times or more at its VELocity", "1,0,0,0")
+    .errors(&[DataOutOfRange, Moving])
+    .example("OUTP:PCOM 1,-50,0.5,201"),
+    query(C::CompareCount, "OUTPut:PCOMpare:COUNt", "Pulses of the position compare in the words played so far.")
+        .example("OUTP:PCOM:COUN?"),
     setting(C::CompensationState, "COMPensation:STATe", SWITCH, "Switches all compensation.")
         .range("OFF|ON", "ON")
         .errors(SWITCH_ERRORS)
@@ -527,6 +562,155 @@ pub const TABLE: &[Entry] = &[
     query(C::CompensationName, "COMPensation:NAME", "Name of the machine.")
         .errors(NO_CALIBRATION)
         .example("COMP:NAME?"),
+    query(C::SensePower, "SENSe#:POWer", "Mean of the latest AVERage samples of a power input, in dBm or W.")
+        .example("SENS1:POW?"),
+    setting(C::SenseRange, "SENSe#:RANGe", &[value("level", Kind::Level)], "Level above which the meter is saturated.")
+        .range("one step of a conversion to full scale", "full scale, 3.3 V")
+        .errors(SENSE_ERRORS)
+        .example("SENS1:RANG DEF"),
+    setting(C::SenseAverage, "SENSe#:AVERage", &[value("n", Kind::Integer(1, 256))], "Samples of a mean, 256 us each.")
+        .range("1..256", "16")
+        .errors(SENSE_ERRORS)
+        .example("SENS1:AVER 4"),
+    mask(C::SenseInput, "SENSe#:INPut", &[param("meter", Kind::Meter)], "What the voltage of the input means.")
+        .range("to 1000 W/V, or to 100 dB/V", "LINear, 0.001 W/V")
+        .errors(SENSE_ERRORS)
+        .example("SENS1:INP LIN,0.0005"),
+    setting(
+        C::SenseScale,
+        "SENSe#:SCALe",
+        &[value("scale", Kind::Choice(&["LOGarithmic", "LINear"]))],
+        "Answers of POWer? in dBm or in W.",
+    )
+    .range("LOGarithmic|LINear", "LOGarithmic")
+    .errors(SENSE_ERRORS)
+    .example("SENS1:SCAL LOG"),
+    setting(C::SenseDelay, "SENSe#:DELay", &[value("t", Kind::Time)], "By how much the meter is late.")
+        .range("0..0.1 s", "0")
+        .errors(SENSE_ERRORS)
+        .example("SENS1:DEL 0.5 MS"),
+    mask(
+        C::ScanLine,
+        "SCAN:DEFine:LINE",
+        &[SCAN, CHANNEL, AXIS, SCAN_RANGE, PITCH, THRESHOLD, END, FLANK],
+        "A line about where the stage stands, sampled in motion on one flank.",
+    )
+    .asked_with(&[SCAN])
+    .errors(DEFINE_ERRORS)
+    .example("SCAN:DEF:LINE 0,1,1,20,0.05,-60,STAR"),
+    mask(
+        C::ScanRaster,
+        "SCAN:DEFine:RASTer",
+        &[
+            SCAN,
+            CHANNEL,
+            AXIS,
+            SECOND_AXIS,
+            SCAN_RANGE,
+            param("range2", Kind::Span),
+            PITCH,
+            STEP,
+            THRESHOLD,
+            END,
+            FLANK,
+        ],
+        "Parallel lines, range2 wide, a step of the second axis apart.",
+    )
+    .asked_with(&[SCAN])
+    .range("64 lines", "")
+    .errors(DEFINE_ERRORS)
+    .example("SCAN:DEF:RAST 1,1,1,2,20,20,0.5,2,-60,PEAK"),
+    mask(
+        C::ScanSpiral,
+        "SCAN:DEFine:SPIRal",
+        &[SCAN, CHANNEL, AXIS, SECOND_AXIS, SCAN_RANGE, PITCH, STEP, THRESHOLD, END],
+        "A square spiral outwards, its turns a step apart, sampled in motion.",
+    )
+    .asked_with(&[SCAN])
+    .range("64 turns", "")
+    .errors(DEFINE_ERRORS)
+    .example("SCAN:DEF:SPIR 2,1,1,2,20,0.5,4,-50,FIRS"),
+    mask(
+        C::ScanHill,
+        "SCAN:DEFine:HILL",
+        &[
+            SCAN,
+            CHANNEL,
+            param("axes", Kind::AxisList),
+            SCAN_RANGE,
+            STEP,
+            param("least", Kind::Span),
+            param("patience", Kind::Integer(1, 100)),
+            THRESHOLD,
+            END,
+        ],
+        "Steps upwards on up to three axes, halved down to the least one.",
+    )
+    .asked_with(&[SCAN])
+    .errors(DEFINE_ERRORS)
+    .example("SCAN:DEF:HILL 3,1,(@1,2),20,1,0.1,1,-60,PEAK"),
+    mask(
+        C::ScanParabola,
+        "SCAN:DEFine:PARabola",
+        &[SCAN, CHANNEL, AXIS, SCAN_RANGE, param("points", Kind::Integer(3, 101)), THRESHOLD, END, FLANK],
+        "Points about where the stage stands, measured at rest on one flank.",
+    )
+    .asked_with(&[SCAN])
+    .errors(DEFINE_ERRORS)
+    .example("SCAN:DEF:PAR 4,1,1,4,5,-60,PEAK"),
+    set(C::ScanStart, "SCAN:STARt", &[SCAN], "Starts a scan, or lets it wait for its trigger.")
+        .errors(SCAN_ERRORS)
+        .example("SCAN:STAR 0"),
+    set(C::ScanStop, "SCAN:STOP", NONE, "Stops the scan; it can go on.").example("SCAN:STOP"),
+    set(C::ScanContinue, "SCAN:CONTinue", NONE, "Goes on with a stopped scan: its line or point is repeated.")
+        .errors(SCAN_ERRORS)
+        .example("SCAN:CONT"),
+    query(C::ScanState, "SCAN:STATe", "IDLE, TRIG (waits for it), MOV, SAMP or STOP, and the number of the scan.")
+        .example("SCAN:STAT?"),
+    query(
+        C::ScanResult,
+        "SCAN:RESult",
+        "Status word, samples, peak power; of each axis: peak, its standard uncertainty, and where it ended.",
+    )
+    .asked_with(&[SCAN])
+    .errors(DEFINE_ERRORS)
+    .example("SCAN:RES? 0"),
+    mask(
+        C::TraceConfigure,
+        "TRACe:CONFigure",
+        &[
+            param("source", Kind::Choice(&["SAMPle", "SCAN"])),
+            Param { name: "n", kind: Kind::Integer(1, 65_536), optional: true, extremes: false },
+        ],
+        "What is recorded: every n-th sample, of all or of those that a scan uses. Ends a recording.",
+    )
+    .range("", "SAMPle, 1")
+    .example("TRAC:CONF SAMP,1"),
+    set(C::TraceArm, "TRACe:ARM", NONE, "Begins a recording, or lets it wait for its trigger.")
+        .errors(&[InitIgnored])
+        .example("TRAC:ARM"),
+    query(C::TracePoints, "TRACe:POINts", "Records that are kept, 1024 at most.").example("TRAC:POIN?"),
+    query(C::TraceData, "TRACe:DATA", "Records: tick in us, six motor counts, power of both inputs in dBm.")
+        .asked_with(&[param("first", Kind::Integer(0, 1023)), param("count", Kind::Integer(1, 1024))])
+        .range("count: as many as there are; packed 113", "")
+        .errors(RANGE)
+        .example("TRAC:DATA? 0,1"),
+    setting(
+        C::Format,
+        "FORMat",
+        &[value("form", Kind::Choice(&["ASCii", "PACKed"]))],
+        "How TRACe:DATA? answers: text, or a block.",
+    )
+    .range("ASCii|PACKed", "ASCii")
+    .example("FORM ASC"),
+    setting(
+        C::TriggerSource,
+        "TRIGger:SOURce",
+        &[value("source", Kind::Choice(&["IMMediate", "BUS", "EXTernal"]))],
+        "What begins a scan or a recording: nothing more, or *TRG. The board has no input for EXTernal.",
+    )
+    .range("IMMediate|BUS", "IMMediate")
+    .example("TRIG:SOUR IMM"),
     query(C::CompensationMatrix, "COMPensation:MATRix", "D^-1 and W^-1, row by row.")
         .errors(NO_CALIBRATION)
         .example("COMP:MATR?"),

@@ -94,6 +94,7 @@ class Board:
             usart.attach(events)
         self.usart2.plug_in(self.ports["A"], 3)
         self.otg, self.adc = add(OtgFs(self)), add(Adc(self))
+        self.tim2.pulse = self.adc.trigger
         for name, base, size in (("ITM", 0xE000_0000, 0x1000), ("RTC", 0x4000_2800, 0x400), ("TPIU", 0xE004_0000, 0x1000)):
             add(Store(self, name, base)).size = size
             for block in range(base >> 10, base + size >> 10):
@@ -294,8 +295,9 @@ class Board:
     # For the parts.
 
     def sync_stream(self):
-        """Counts the timers of the stream, and with them the DMA, up to now."""
+        """Counts the timers of the stream, and with them the DMA and the converters, up to now."""
         self.tim8.sync()
+        self.adc.sync()
 
     def dma_ready(self):
         """A stream was enabled: who waits for one?"""

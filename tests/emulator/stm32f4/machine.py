@@ -281,8 +281,9 @@ class Machine:
 
     # Stack.
 
-    def paint_stack(self):
-        self.core.ccm[:] = bytes([_PAINT]) * CCM_SIZE
+    def paint_stack(self, below=CCM_BASE + CCM_SIZE):
+        """Forgets what the stack has taken below an address; the stack pointer, say."""
+        self.core.ccm[:below - CCM_BASE] = bytes([_PAINT]) * (below - CCM_BASE)
 
     def lowest_sp(self):
         """The lowest address of the stack's memory that was ever written since it was painted."""

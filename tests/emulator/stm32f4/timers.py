@@ -34,6 +34,7 @@ class Timer(Peripheral):
         self.fast = base >= 0x4001_0000
         self.requests = requests or {}
         self.slave, self.master = None, None  # (timer clocked by our TRGO); (TS code, the timer that clocks us)
+        self.pulse = None  # called with the time of each pulse of our TRGO on a match of channel 1
         self.alarm = None
         self.gate = self.gate_pin = self.gate_alarm = None
         self.marks = []  # (word count, callback), earliest first
@@ -98,14 +99,16 @@ class Timer(Peripheral):
         apart = (play.slot - clear.slot) % play.total
         return max(min(_BATCH, apart - 2, play.total - apart - 2), 1)
 
-    def clocked(self, count):
-        """Ticks from the timer whose TRGO clocks this one."""
+    def clocked(self, count, time, step):
+        """Ticks from the timer whose TRGO clocks this one, the first at `time`, `step` units apart."""
         if self.external and self.cr1 & _CEN and not self.frozen:
+            first = time + (self.psc - self.phase) * step
             count += self.phase
             self.phase = count % (self.psc + 1)
-            self._advance(count // (self.psc + 1), 0)
+            self._advance(count // (self.psc + 1), 0, first, step * (self.psc + 1))
 
-    def _advance(self, count, tick):
+    def _advance(self, count, tick, first=None, apart=0):
+        """`first`, `apart`: times of the ticks, where another timer gives them."""
         if not count or not self.arr:
             return
         if self.cnt > self.arr:  # ARR was lowered below the counter: it runs to its end first
@@ -130,9 +133,18 @@ class Timer(Peripheral):
                     self.sr |= 2 << i
                     if self.dier >> 9 + i & 1 and not self.regs.get(_CR2, 0) & 8:
                         self._request(f"CH{i + 1}", hits)
+                    if i == 0:
+                        at = (ccr - cnt - 1) % span
+                        begin, each = (self.ref + tick, tick) if first is None else (first, apart)
+                        for hit in range(hits):
+                            self._pulse(begin + (at + hit * span) * each)
         if wraps:
             self._update(wraps, self.ref + (span - cnt) * tick, span * tick)
         self._lines()
+
+    def _pulse(self, time):
+        if self.pulse and self.regs.get(_CR2, 0) >> 4 & 7 == 3:
+            self.pulse(time)
 
     def _update(self, count, time, step):
         """`count` update events, the first at `time`, `step` units apart."""
@@ -148,7 +160,7 @@ class Timer(Peripheral):
                 if self.dier >> 9 + i & 1:
                     self._request(f"CH{i + 1}", count)
         if self.slave and self.regs.get(_CR2, 0) >> 4 & 7 == 2:
-            self.slave.clocked(count)
+            self.slave.clocked(count, time, step)
 
     def stream_of(self, source):
         for stream, channel in self.requests.get(source, ()):
@@ -397,10 +409,12 @@ class Timer(Peripheral):
                     if self.dier >> 8 & 1:
                         self._software_request("UP")
                 if self.slave and self.regs.get(_CR2, 0) >> 4 & 7 in (0, 2):
-                    self.slave.clocked(1)
+                    self.slave.clocked(1, self.board.machine.now, 0)
         for i in range(self.channels):
             if value >> 1 + i & 1:
                 self.sr |= 2 << i
+                if i == 0:
+                    self._pulse(self.board.machine.now)
                 if self.dier >> 9 + i & 1:
                     self._software_request(f"CH{i + 1}")
         if value & _TIF:

@@ -5,6 +5,7 @@ from bisect import bisect_right
 
 from .events import UNITS_PER_US
 
+TRIGGER_PIN = 2
 STEP_PINS = (6, 14, 5, 13, 7, 15)
 DIR_PINS = (4, 8, 9, 10, 11, 12)
 
@@ -105,6 +106,15 @@ class Words:
         """When a word reached the pins."""
         first, time, step = self.runs[bisect_right(self.runs, index, key=lambda run: run[0]) - 1]
         return (time + (index - first) * step) / UNITS_PER_US
+
+    def played_at(self, time):
+        """Words that had reached the pins at a time in units, that of the time itself included."""
+        at = bisect_right(self.runs, time, key=lambda run: run[1]) - 1
+        if at < 0:
+            return 0
+        first, begin, step = self.runs[at]
+        end = self.runs[at + 1][0] if at + 1 < len(self.runs) else self._length
+        return min(first + 1 + ((time - begin) // step if step else 0), end)
 
     def steps(self, start=0, stop=None):
         """Rising edges of STEP as (index, motor 0 to 5, +1 or -1), in order. +1: DIR is high."""

@@ -13,7 +13,7 @@ const WIDTH: f64 = 960.0;
 
 impl Mode {
     /// What is switched on, in words.
-    fn words(self) -> &'static str {
+    pub fn words(self) -> &'static str {
         match self {
             Mode::None => "nothing",
             Mode::Backlash => "backlash",

@@ -1,0 +1,177 @@
+//! What the alignment PC has: two controllers that take messages and answer in lines, and a meter with a switch in
+//! front of it.
+
+use crate::bench_twin::{Collision, Sees, Side};
+
+/// Why a message has no answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BusError {
+    /// Nothing came back in time.
+    #[error("{side:?} controller: no answer to {message:?} within {seconds} s; is its link still there?")]
+    Silent {
+        /// Whose.
+        side: Side,
+        /// What was asked.
+        message: String,
+        /// How long it was waited for.
+        seconds: f64,
+    },
+    /// The controller refused.
+    #[error("{side:?} controller: {message:?} raised {error}")]
+    Refused {
+        /// Whose.
+        side: Side,
+        /// What was sent.
+        message: String,
+        /// The entry of its error queue.
+        error: String,
+    },
+    /// The answer is not what the message asks for.
+    #[error("{side:?} controller: {message:?} was answered {answer:?}, which is not {wanted}")]
+    Strange {
+        /// Whose.
+        side: Side,
+        /// What was asked.
+        message: String,
+        /// What came.
+        answer: String,
+        /// What should have come.
+        wanted: &'static str,
+    },
+    /// What was learned of a stage cannot be loaded.
+    #[error("{side:?} stage: {reason}")]
+    Calibration {
+        /// Whose.
+        side: Side,
+        /// What the calibration says.
+        reason: String,
+    },
+    /// The bench is broken.
+    #[error(transparent)]
+    Collision(#[from] Collision),
+}
+
+/// Two controllers and a meter, over messages alone.
+pub trait Bus {
+    /// Sends a message; its line feed is added.
+    ///
+    /// # Errors
+    /// When the link is lost.
+    fn send(&mut self, side: Side, message: &str) -> Result<(), BusError>;
+
+    /// Sends a message that ends in block data (IEEE 488.2, 7.7.6).
+    ///
+    /// # Errors
+    /// When the link is lost.
+    fn send_block(&mut self, side: Side, message: &str, block: &[u8]) -> Result<(), BusError>;
+
+    /// The next line that a controller answers, waited for this long (s).
+    ///
+    /// # Errors
+    /// [`BusError::Silent`] after that time; a collision.
+    fn line(&mut self, side: Side, message: &str, patience_s: f64) -> Result<String, BusError>;
+
+    /// What a channel of the meter (0, 1) looks at from now on: an optical switch, of which the controllers know
+    /// nothing.
+    fn look(&mut self, channel: usize, sees: Sees);
+
+    /// Time since the beginning, s.
+    fn seconds(&self) -> f64;
+
+    /// Lets time pass.
+    ///
+    /// # Errors
+    /// A collision.
+    fn pause(&mut self, seconds: f64) -> Result<(), BusError>;
+}
+
+/// Longest that an answer takes while nothing moves, s.
+const AT_ONCE_S: f64 = 2.0;
+
+/// A controller of a bus: messages checked by its error queue.
+pub struct Controller<'a, B> {
+    bus: &'a mut B,
+    side: Side,
+}
+
+impl<'a, B: Bus> Controller<'a, B> {
+    /// The controller of a side.
+    pub fn new(bus: &'a mut B, side: Side) -> Self {
+        Controller { bus, side }
+    }
+
+    pub(super) fn strange(&self, message: &str, answer: &str, wanted: &'static str) -> BusError {
+        BusError::Strange { side: self.side, message: message.into(), answer: answer.into(), wanted }
+    }
+
+    /// Lets time pass.
+    pub(super) fn pause(&mut self, seconds: f64) -> Result<(), BusError> {
+        self.bus.pause(seconds)
+    }
+
+    /// Asks one question.
+    ///
+    /// # Errors
+    /// Those of the bus.
+    pub fn ask(&mut self, question: &str) -> Result<String, BusError> {
+        self.bus.send(self.side, question)?;
+        self.bus.line(self.side, question, AT_ONCE_S)
+    }
+
+    /// Asks for numbers, separated by commas; as many as come.
+    ///
+    /// # Errors
+    /// Those of the bus; [`BusError::Strange`] for what is no number.
+    pub fn numbers(&mut self, question: &str) -> Result<Vec<f64>, BusError> {
+        let answer = self.ask(question)?;
+        let numbers: Result<Vec<f64>, _> = answer.split([',', ';']).map(|word| word.trim().parse()).collect();
+        numbers.map_err(|_| self.strange(question, &answer, "numbers"))
+    }
+
+    /// Sends a command, waits (this long, s) until all it has begun has ended, and looks into the error queue.
+    ///
+    /// # Errors
+    /// Those of the bus; [`BusError::Refused`] with the first error.
+    pub fn run(&mut self, command: &str, patience_s: f64) -> Result<(), BusError> {
+        self.begin(command)?;
+        self.end(command, patience_s)
+    }
+
+    /// Loads a calibration.
+    ///
+    /// # Errors
+    /// Those of the bus; [`BusError::Refused`] for a block that the controller does not take.
+    pub fn load(&mut self, block: &[u8]) -> Result<(), BusError> {
+        self.bus.send_block(self.side, "COMP:LOAD ", block)?;
+        self.run("*WAI", AT_ONCE_S)
+    }
+
+    /// Sends a command whose end is waited for later.
+    pub(super) fn begin(&mut self, command: &str) -> Result<(), BusError> {
+        self.bus.send(self.side, &watched(command))
+    }
+
+    /// Waits until a command that was begun has ended, and looks into the error queue.
+    pub(super) fn end(&mut self, command: &str, patience_s: f64) -> Result<(), BusError> {
+        let message = watched(command);
+        let answer = self.bus.line(self.side, &message, patience_s)?;
+        match answer.split_once(';') {
+            Some((_, error)) if error.starts_with('0') => Ok(()),
+            Some((_, error)) => {
+                let refused =
+                    |error: &str| BusError::Refused { side: self.side, message: command.into(), error: error.into() };
+                let first = refused(error);
+                // the rest of the queue belongs to the same failure
+                let _ = self.ask("*CLS;*STB?");
+                Err(first)
+            }
+            None => Err(self.strange(&message, &answer, "1 and an error entry")),
+        }
+    }
+}
+
+/// A command that is answered when all it has begun has ended.
+fn watched(command: &str) -> String {
+    format!("{command};*OPC?;:SYST:ERR?")
+}

@@ -1,0 +1,74 @@
+//! A bench with two boards and its power meter, in one virtual time.
+
+use super::meter::MeterStation;
+use super::pace::{Pace, Turn};
+use super::{Served, Speed, Station};
+use crate::bench_twin::Bench;
+use crate::control::Hand;
+use crate::rig::Rig;
+use std::time::Duration;
+
+/// Two boards, input side first, before one bench, and the meter behind it.
+pub struct BenchStation {
+    stations: [Station; 2],
+    meter: MeterStation,
+    rig: Rig,
+    pace: Pace,
+    /// A collision has been said.
+    told: bool,
+}
+
+impl BenchStation {
+    /// Puts boards, whose stages are those of the bench, and a meter before it.
+    pub fn new(bench: Bench, stations: [Station; 2], meter: MeterStation, speed: Speed) -> Self {
+        BenchStation { stations, meter, rig: Rig::new(bench), pace: Pace::new(speed), told: false }
+    }
+
+    /// One segment of virtual time for all.
+    fn step(&mut self, now_ms: u64) {
+        self.stations.iter_mut().for_each(|station| station.step(now_ms));
+        self.rig.border(self.stations.each_mut().map(Station::board));
+        self.meter.see(&mut self.rig);
+        if let Some(collision) = self.rig.bench.collision().filter(|_| !self.told) {
+            self.told = true;
+            eprintln!("\n{collision}");
+        }
+    }
+
+    /// On either side something moves, or a client waits for a reading.
+    fn wants_time(&self) -> bool {
+        self.stations.iter().any(Station::wants_time) || self.meter.wants_time()
+    }
+}
+
+impl Served for BenchStation {
+    fn turn(&mut self, wall: Duration, budget: Duration) -> bool {
+        let now_ms = wall.as_millis() as u64;
+        let heard = self.stations.each_mut().map(|station| station.hear(now_ms));
+        let asked = self.meter.hear(&mut self.rig);
+        let mut turn = Turn::new(wall, budget);
+        while self.pace.takes(&mut turn, self.wants_time()) {
+            self.step(now_ms);
+        }
+        self.stations.iter_mut().for_each(|station| station.tell(now_ms));
+        let waits = self.meter.hear(&mut self.rig);
+        heard.contains(&true) || asked || waits || self.stations.iter().any(Station::is_busy)
+    }
+
+    fn hand(&mut self, hand: Hand) {
+        match hand {
+            Hand::Light(light) => light.apply(&mut self.rig.bench),
+            Hand::Stage(_) => self.stations.iter_mut().for_each(|station| station.hand(hand)),
+        }
+    }
+
+    fn is_flat_out(&self) -> bool {
+        self.pace.is_flat_out()
+    }
+
+    fn status(&self) -> String {
+        let [input, output] = self.stations.each_ref().map(Station::line);
+        let [one, two] = self.rig.bench.readings();
+        format!("{one:7.2} {two:7.2} dBm  in {input}   out {output}")
+    }
+}

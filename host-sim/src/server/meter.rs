@@ -1,0 +1,105 @@
+//! The power meter of a bench with its links.
+
+use super::link::{State, Stream};
+use super::station::TOKEN;
+use crate::power_meter::Session;
+use crate::rig::Rig;
+use mio::net::{TcpListener, TcpStream};
+use mio::{Interest, Poll, Registry};
+use std::io;
+use std::net::SocketAddr;
+
+/// Links at a time.
+const LINKS: usize = 9;
+
+struct Client {
+    stream: Stream<TcpStream>,
+    session: Session,
+    /// It sends no more.
+    leaving: bool,
+}
+
+impl Client {
+    /// Executes what can be executed without time, and hands the answers out.
+    fn exchange(&mut self, rig: &mut Rig) -> State {
+        let tick = rig.tick();
+        loop {
+            self.stream.offer(|bytes| self.session.receive(bytes));
+            let progress = self.session.poll(&mut rig.bench, tick);
+            let state = self.stream.drain(|to| self.session.transmit(to));
+            if state != State::Open || !progress {
+                return state;
+            }
+        }
+    }
+
+    fn is_done(&self) -> bool {
+        self.leaving && !self.stream.has_input() && !self.session.is_busy() && !self.stream.has_output()
+    }
+}
+
+/// The meter and who talks to it.
+pub struct MeterStation {
+    listener: TcpListener,
+    registry: Registry,
+    clients: Vec<Client>,
+}
+
+impl MeterStation {
+    /// Listens.
+    ///
+    /// # Errors
+    /// Those of the socket.
+    pub fn new(address: SocketAddr, poll: &Poll) -> io::Result<Self> {
+        let mut listener = TcpListener::bind(address)?;
+        poll.registry().register(&mut listener, TOKEN, Interest::READABLE)?;
+        Ok(MeterStation { listener, registry: poll.registry().try_clone()?, clients: Vec::new() })
+    }
+
+    /// Where it listens.
+    ///
+    /// # Errors
+    /// Those of the socket.
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+
+    /// Takes what the links have sent, executes it and answers; true while something waits.
+    pub(super) fn hear(&mut self, rig: &mut Rig) -> bool {
+        while let Ok((mut stream, _)) = self.listener.accept() {
+            if self.clients.len() < LINKS {
+                let _ = stream.set_nodelay(true);
+                // without it the server is only slower to hear
+                let _ = self.registry.register(&mut stream, TOKEN, Interest::READABLE);
+                let stream = Stream::new(stream);
+                self.clients.push(Client { stream, session: Session::new(), leaving: false });
+            }
+        }
+        self.clients.retain_mut(|client| {
+            match client.stream.fill() {
+                State::Open => {}
+                State::Ended => client.leaving = true,
+                State::Gone => return false,
+            }
+            let state = client.exchange(rig);
+            state == State::Open && !client.is_done()
+        });
+        self.wants_time() || self.clients.iter().any(|client| client.stream.has_input())
+    }
+
+    /// The bench has gone on by a segment.
+    pub(super) fn see(&mut self, rig: &mut Rig) {
+        let tick = rig.tick();
+        for client in &mut self.clients {
+            client.session.see(&rig.bench, tick);
+            if client.session.wants_time() {
+                client.session.poll(&mut rig.bench, tick);
+            }
+        }
+    }
+
+    /// A client waits for the switch or for a reading.
+    pub(super) fn wants_time(&self) -> bool {
+        self.clients.iter().any(|client| client.session.wants_time())
+    }
+}
