@@ -11,7 +11,7 @@ from stm32f4.words import DIR_PINS, STEP_PINS
 
 PLACES, PLACE = 16, 64
 CHANNELS = (8, 9)
-# played, counts, steps, taking up, sums (src/kernel/refill/border.rs)
+# played, counts, steps, taking up, sums (src/words/refill/border.rs)
 SAMPLE = struct.Struct("<Q6i6iBxHH")
 
 

@@ -72,14 +72,8 @@ impl Default for Profile {
     /// At rest at zero. A constant: fields set one by one would be code for each of the phases.
     fn default() -> Self {
         const PHASE: Phase = Phase { end: 0, shift: 0, c: [0; 4] };
-        const RESTING: Profile = Profile {
-            phases: [PHASE; MAX_PHASES],
-            count: 0,
-            duration: 0,
-            last: 0,
-            end_position: 0,
-            end_velocity: 0,
-        };
+        const RESTING: Profile =
+            Profile { phases: [PHASE; MAX_PHASES], count: 0, duration: 0, last: 0, end_position: 0, end_velocity: 0 };
         RESTING
     }
 }
