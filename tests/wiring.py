@@ -7,7 +7,7 @@ import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 PINS = (ROOT / "src/board/pins.rs").read_text()
-PORT_E = (ROOT / "src/kernel/stepgen/pins.rs").read_text()
+PORT_E = (ROOT / "src/words/stepgen/pins.rs").read_text()
 README = (ROOT / "README.md").read_text()
 PICTURE = (ROOT / "docs/wiring.svg").read_text()
 

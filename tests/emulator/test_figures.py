@@ -14,7 +14,7 @@ WANTED_FLASH, WANTED_RAM = 192 * KB, 64 * KB
 STACK = 64 * KB
 WANTED_LATENCY_US = 1000
 REFILL = 16 + 28
-# Before a segment plays it is no longer begun: MARGIN in src/kernel/refill/stream.rs.
+# Before a segment plays it is no longer begun: MARGIN in src/words/refill/stream.rs.
 MARGIN_US = 112
 # Golden poses that are tried: every so many of the forty.
 EVERY = 4

@@ -10,7 +10,7 @@ from light import CHANNELS, Positions
 from stm32f4.core import SRAM_BASE
 
 PLACES, PLACE = 16, 64
-# played, counts, steps, taking up, moving (left out), sums (src/kernel/refill/border.rs)
+# played, counts, steps, taking up, moving (left out), sums (src/words/refill/border.rs)
 SAMPLE = struct.Struct("<Q6i6iBxHH")
 
 

@@ -31,15 +31,17 @@ pub fn factor(bits: u8) -> i32 {
 pub fn rows(coefficients: &[[i32; 3]; 3], factors: &[i32; AXES], coordinates: &[i64; 3], motors: &mut [i64; AXES]) {
     let [x, y, z] = *coordinates;
     let (wholes, parts) = ([whole(x), whole(y), whole(z)], [part(x), part(y), part(z)]);
-    // written out, because a loop over three products costs more than they do
-    let dot = |[a, b, c]: &[i32; 3], [x, y, z]: &[i32; 3]| {
-        let (x, y, z) = (i64::from(*x), i64::from(*y), i64::from(*z));
-        (i64::from(*a) * x).wrapping_add(i64::from(*b) * y).wrapping_add(i64::from(*c) * z)
-    };
-    let of = |i: usize| target(dot(&coefficients[i], &wholes), dot(&coefficients[i], &parts), factors[i]);
-    motors[0] = of(0);
-    motors[1] = of(1);
-    motors[2] = of(2);
+    let [first, second, third] = coefficients;
+    motors[0] = target(dot(first, &wholes), dot(first, &parts), factors[0]);
+    motors[1] = target(dot(second, &wholes), dot(second, &parts), factors[1]);
+    motors[2] = target(dot(third, &wholes), dot(third, &parts), factors[2]);
+}
+
+/// Written out, because a loop over three products costs more than they do.
+#[inline(always)]
+fn dot([a, b, c]: &[i32; 3], [x, y, z]: &[i32; 3]) -> i64 {
+    let (x, y, z) = (i64::from(*x), i64::from(*y), i64::from(*z));
+    (i64::from(*a) * x).wrapping_add(i64::from(*b) * y).wrapping_add(i64::from(*c) * z)
 }
 
 /// [`row`] of one coordinate, with the [`factor`] of its bits.

@@ -71,11 +71,8 @@ impl Link {
     /// direction x lever in 1/8 nm, and direction x that in 1/4 nm, which a versine of less than 2^-6 makes small.
     #[inline(always)]
     fn arms(&self, lever: [i32; 3]) -> [[i32; 3]; 2] {
-        let [x, y, z] = self.direction;
-        let minor = |a: i32, b: i32, c: i32, d: i32| mul_high(a, b) - mul_high(c, d);
-        let cross = |[u, v, w]: [i32; 3]| [minor(y, w, z, v), minor(z, u, x, w), minor(x, v, y, u)];
-        let first = cross(lever);
-        [first, cross(first)]
+        let first = cross(self.direction, lever);
+        [first, cross(self.direction, first)]
     }
 
     /// Adds to the displacement of the pivot (Q36 nm) what a turn about the line by an angle in 1/16 nrad makes.
@@ -86,6 +83,14 @@ impl Link {
         let moved = |r: i32, way: &i64| r.wrapping_add((*way >> 32) as i32); // Q36 to 1/16 nm
         swing(q, &self.arms([moved(x, a), moved(y, b), moved(z, c)]), displacement);
     }
+}
+
+/// The product of a direction in Q31 and an arm, halved.
+#[inline(always)]
+fn cross([x, y, z]: [i32; 3], [u, v, w]: [i32; 3]) -> [i32; 3] {
+    let [xv, xw, yu] = [mul_high(x, v), mul_high(x, w), mul_high(y, u)];
+    let [yw, zu, zv] = [mul_high(y, w), mul_high(z, u), mul_high(z, v)];
+    [yw - zv, zu - xw, xv - yu]
 }
 
 /// Adds a column times a term. Without a loop, which costs more than what is in it when the compiler is to be short.
