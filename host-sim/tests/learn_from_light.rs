@@ -12,16 +12,22 @@ fn setting(name: &str, or: u64) -> u64 {
 }
 
 /// How far the end of the fibre really goes in x and y when an axis turns from below to above, um per rad; come to
-/// upwards both times.
+/// upwards both times, X and Y at last as well: within the dead band a motor that follows may rest on either flank.
+/// Motors stand at whole steps: by how much that misses the pivot, the controller knows.
 fn wander(lab: &mut Lab, side: Side, axis: Axis) -> [f64; 2] {
     let n = axis.index() + 1;
-    let mut go = |by: f64| Controller::new(lab, side).run(&format!("AXIS{n}:MOVE:REL {by}"), 20.0).unwrap();
+    let mut go = |by: f64| {
+        for message in [&*format!("AXIS{n}:MOVE:REL {by}"), "POSE:REL -2,-2,0,0,0,0", "POSE:REL 2,2,0,0,0,0"] {
+            Controller::new(lab, side).run(message, 20.0).unwrap();
+        }
+        let told = lab.board(side).front.position().0;
+        let true_pose = lab.poses()[side.index()];
+        std::array::from_fn::<f64, 6, _>(|i| if i < 3 { true_pose[i] - f64::from(told[i]) } else { true_pose[i] })
+    };
     go(-TURN_DEG - 0.03);
-    go(0.03);
-    let below = lab.poses()[side.index()];
-    Controller::new(lab, side).run(&format!("AXIS{n}:MOVE:REL {}", 2.0 * TURN_DEG), 20.0).unwrap();
-    let above = lab.poses()[side.index()];
-    Controller::new(lab, side).run(&format!("AXIS{n}:MOVE:REL {}", -TURN_DEG), 20.0).unwrap();
+    let below = go(0.03);
+    let above = go(2.0 * TURN_DEG);
+    go(-TURN_DEG);
     let turn = above[axis.index()] - below[axis.index()];
     [0, 1].map(|i| (above[i] - below[i]) / turn * 1e6)
 }
