@@ -66,8 +66,8 @@ pub(super) fn believable(kind: Kind) -> f64 {
     match kind {
         Kind::Autocollimator(_) => 100_000.0,
         Kind::Orientation => 200_000.0,
-        // a straightness of 1 um makes a square as wrong over some millimetres
-        Kind::Squareness => 300_000.0,
+        // a straightness of some um makes a square at home as wrong as a badly built stage
+        Kind::Squareness => 1_000_000.0,
         _ if kind.quantity() == Quantity::Angle => 200_000.0,
         _ => 5_000.0,
     }
