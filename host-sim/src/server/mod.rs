@@ -5,6 +5,8 @@
 //! with the link and are offered again. At `--speed max` virtual time stands still while nothing moves and no client
 //! waits for a reading.
 //!
+//! Boards run each for itself; a bench ([`BenchStation`]) plays every segment on both its boards before the next one.
+//!
 //! A client that sends no more (end of file, hang-up) keeps its link until what it has sent is executed and answered,
 //! or waits for motion; its jogs end at once. Virtual time that does not fit a turn is made up for later or given up:
 //! clients come first. A terminal that is opened again before its hang-up is seen goes on with the same link.
