@@ -96,9 +96,9 @@ fn below(stage: &StageFacts, axis: &AxisFacts, turned: bool, middle: f64) -> Mar
     }
 }
 
-/// A vector below the chain, with the word that says what it is.
+/// A vector below the chain, with the word that says what it is; to 0.1 um, as neighbours leave room.
 fn mount(anchor: &str, word: &str, um: [f64; 3], at: f64) -> Markup {
-    let [x, y, z] = um.map(|v| if v == 0.0 { "0".into() } else { format!("{v}").replace('-', "\u{2212}") });
+    let [x, y, z] = um.map(|v| short((v * 10.0).round() / 10.0));
     html! {
         (text(&format!("small {anchor}"), [at, TOP + BOX[1] + 18.0], word))
         (text(&format!("small {anchor}"), [at, TOP + BOX[1] + 33.0], &format!("({x}, {y}, {z})")))
