@@ -14,8 +14,7 @@ use super::units::Quantity;
 use super::wild::Farthest;
 use super::{Options, Refusal};
 use crate::machine::{FARTHEST_UM, LARGEST_STATIC, Machine};
-use nalgebra::DMatrix;
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use stage_controller::units::Axis;
 
 /// Most steps of a fit; three or four are usual.

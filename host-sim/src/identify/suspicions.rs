@@ -12,7 +12,7 @@ use super::observe::{Block, Observer, State};
 use super::outliers::huber;
 use super::series::{Kind, Series};
 use super::units::{Quantity, UNITS, Unit};
-use super::weights::{HOPELESS_NOISE, Left, MOST_REJECTED, robust_noise};
+use super::weights::{HOPELESS_NOISE, Left, MOST_REJECTED, largest, robust_noise};
 use nalgebra::DVector;
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 use std::fmt::Write;
@@ -222,7 +222,7 @@ impl Trial<'_, '_> {
     /// Size of a reading's worst residual.
     fn worst(&self, n: usize) -> f64 {
         let columns = self.file.kind.columns().len();
-        self.blocks[n].residual[..columns].iter().fold(0.0_f64, |most, residual| most.max(residual.abs()))
+        largest(&self.blocks[n].residual[..columns])
     }
 }
 
@@ -265,17 +265,12 @@ impl<'f> Fit<'f> {
             all.push(&row, (prior.value - self.value(&self.state, prior.column)) / prior.sigma);
             row[common + prior.column - first] = 0.0;
         }
-        let others = all;
         let every = count.div_ceil(SAMPLE);
         let sample: Vec<usize> = (0..count).step_by(every).collect();
         let columns = self.series[index].kind.columns().len();
-        let taken: f64 = left
-            .iter()
-            .zip(&self.weights[index])
-            .map(|(left, weight)| weight * left.leverage[..columns].iter().sum::<f64>())
-            .sum();
         let share = sample.len() as f64 / count as f64;
-        Case { index, others, touched, free: share * ((count * columns) as f64 - taken), sample }
+        let free = share * ((count * columns) as f64 - self.taken(index, left));
+        Case { index, others: all, touched, free, sample }
     }
 
     /// Of each file what all but it tell the common unknowns.
@@ -328,8 +323,7 @@ impl<'f> Fit<'f> {
         for round in 0..ROUNDS {
             let noise = trial.spread().max(LEAST_NOISE);
             let columns = file.kind.columns().len();
-            let worst = |residual: &[f64; 3]| residual[..columns].iter().fold(0.0_f64, |a, b| a.max(b.abs()));
-            if !trial.step(|_, residual| huber(worst(residual) / noise), noise) {
+            if !trial.step(|_, residual| huber(largest(&residual[..columns]) / noise), noise) {
                 return None;
             }
             let now = trial.spread();
@@ -490,8 +484,8 @@ impl<'f> Fit<'f> {
         Ok(())
     }
 
-    /// How many readings are far out around a core that keeps to the stated noise, and the median of how far, nm or nrad; none without such a core. And whether the core
-    /// keeps to it so well that nothing is wrong with the noise.
+    /// How many readings are far out around a core that keeps to the stated noise, and the median of how far, nm or nrad;
+    /// none without such a core. And whether the core keeps to it so well that nothing is wrong with the noise.
     fn out_of_core(&mut self, index: usize, stated: f64) -> (Option<(usize, f64)>, bool) {
         let left = self.left(self.joint());
         let mut case = self.case(index, &self.all_but_one()[index], &left[index]);
@@ -502,7 +496,7 @@ impl<'f> Fit<'f> {
         let mut trial = self.trial(&case, &self.series[index]);
         for round in 0..CORE_ROUNDS {
             // the half that fits best, then all that belongs to it
-            let mut sizes: Vec<f64> = (0..count).map(|n| trial.worst(n)).collect();
+            let sizes: Vec<f64> = (0..count).map(|n| trial.worst(n)).collect();
             let inside: Vec<bool> = if round < CORE_ROUNDS - 3 {
                 let mut sorted = sizes.clone();
                 sorted.sort_by(f64::total_cmp);
@@ -510,7 +504,6 @@ impl<'f> Fit<'f> {
             } else {
                 sizes.iter().map(|size| *size <= CORE * stated).collect()
             };
-            sizes.clear();
             if !trial.step(|n, _| if inside[n] { 1.0 } else { 1e-9 }, stated) {
                 return (None, false);
             }
@@ -571,12 +564,7 @@ impl<'f> Fit<'f> {
             if !self.estimated[index] || self.noise[index] <= COARSE * good(file.kind) || !tells {
                 continue;
             }
-            let all: f64 = left[index]
-                .iter()
-                .zip(&self.weights[index])
-                .map(|(left, weight)| weight * left.leverage.iter().sum::<f64>())
-                .sum();
-            let say = all - self.own[index].len() as f64;
+            let say = self.taken(index, &left[index]) - self.own[index].len() as f64;
             if say < UNHEARD {
                 warnings.push(format!(
                     "{}: with a noise of {} it has next to no weight in the result: all it tells the other files tell \

@@ -37,8 +37,13 @@ pub(super) struct Left {
 impl Left {
     /// The largest of a reading's residuals, nm or nrad.
     fn size(&self, columns: usize) -> f64 {
-        self.residual[..columns].iter().fold(0.0, |most, residual| residual.abs().max(most))
+        largest(&self.residual[..columns])
     }
+}
+
+/// The size of the largest residual.
+pub(super) fn largest(residuals: &[f64]) -> f64 {
+    residuals.iter().fold(0.0, |most, residual| residual.abs().max(most))
 }
 
 impl Fit<'_> {
@@ -76,6 +81,12 @@ impl Fit<'_> {
     /// The solution of a fit that has converged.
     pub(super) fn joint(&self) -> &Joint {
         self.solution.as_ref().expect("the fit has converged")
+    }
+
+    /// How many values of a file the fit takes: the sum of the leverages of what counts.
+    pub(super) fn taken(&self, index: usize, left: &[Left]) -> f64 {
+        let counting = left.iter().zip(&self.weights[index]);
+        counting.map(|(left, weight)| weight * left.leverage.iter().sum::<f64>()).sum()
     }
 
     /// Residual in standard deviations of what a reading that is not rejected (or, if it is, a new one) would show.
