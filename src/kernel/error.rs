@@ -13,6 +13,8 @@ pub enum ErrorNumber {
     InvalidCharacter = -101,
     SyntaxError = -102,
     DataTypeError = -104,
+    #[cfg(feature = "bus")]
+    GetNotAllowed = -105,
     ParameterNotAllowed = -108,
     MissingParameter = -109,
     UndefinedHeader = -113,
@@ -31,9 +33,14 @@ pub enum ErrorNumber {
     QueueOverflow = -350,
     FramingError = -362,
     InputBufferOverrun = -363,
+    #[cfg(feature = "bus")]
     QueryInterrupted = -410,
+    #[cfg(feature = "bus")]
     QueryUnterminated = -420,
+    #[cfg(feature = "bus")]
     QueryDeadlocked = -430,
+    #[cfg(feature = "bus")]
+    QueryAfterIndefinite = -440,
     NotHomed = 101,
     LimitSwitch = 102,
     EmergencyStop = 103,
@@ -55,6 +62,8 @@ impl ErrorNumber {
         ErrorNumber::InvalidCharacter,
         ErrorNumber::SyntaxError,
         ErrorNumber::DataTypeError,
+        #[cfg(feature = "bus")]
+        ErrorNumber::GetNotAllowed,
         ErrorNumber::ParameterNotAllowed,
         ErrorNumber::MissingParameter,
         ErrorNumber::UndefinedHeader,
@@ -73,9 +82,14 @@ impl ErrorNumber {
         ErrorNumber::QueueOverflow,
         ErrorNumber::FramingError,
         ErrorNumber::InputBufferOverrun,
+        #[cfg(feature = "bus")]
         ErrorNumber::QueryInterrupted,
+        #[cfg(feature = "bus")]
         ErrorNumber::QueryUnterminated,
+        #[cfg(feature = "bus")]
         ErrorNumber::QueryDeadlocked,
+        #[cfg(feature = "bus")]
+        ErrorNumber::QueryAfterIndefinite,
         ErrorNumber::NotHomed,
         ErrorNumber::LimitSwitch,
         ErrorNumber::EmergencyStop,
@@ -102,6 +116,8 @@ impl ErrorNumber {
             ErrorNumber::InvalidCharacter => "Invalid character",
             ErrorNumber::SyntaxError => "Syntax error",
             ErrorNumber::DataTypeError => "Data type error",
+            #[cfg(feature = "bus")]
+            ErrorNumber::GetNotAllowed => "GET not allowed",
             ErrorNumber::ParameterNotAllowed => "Parameter not allowed",
             ErrorNumber::MissingParameter => "Missing parameter",
             ErrorNumber::UndefinedHeader => "Undefined header",
@@ -120,9 +136,14 @@ impl ErrorNumber {
             ErrorNumber::QueueOverflow => "Queue overflow",
             ErrorNumber::FramingError => "Framing error in program message",
             ErrorNumber::InputBufferOverrun => "Input buffer overrun",
+            #[cfg(feature = "bus")]
             ErrorNumber::QueryInterrupted => "Query INTERRUPTED",
+            #[cfg(feature = "bus")]
             ErrorNumber::QueryUnterminated => "Query UNTERMINATED",
+            #[cfg(feature = "bus")]
             ErrorNumber::QueryDeadlocked => "Query DEADLOCKED",
+            #[cfg(feature = "bus")]
+            ErrorNumber::QueryAfterIndefinite => "Query UNTERMINATED after indefinite response",
             ErrorNumber::NotHomed => "Axis not homed",
             ErrorNumber::LimitSwitch => "Limit switch active",
             ErrorNumber::EmergencyStop => "Emergency stop",

@@ -81,6 +81,11 @@ impl Framer {
         matches!(self.state, State::Hash | State::Length { .. } | State::Block { .. })
     }
 
+    /// True at the start of a line: no message has begun.
+    pub fn is_at_start(&self) -> bool {
+        self.state == State::LineStart
+    }
+
     /// True inside a string.
     pub fn in_string(&self) -> bool {
         matches!(self.state, State::Quoted(_))

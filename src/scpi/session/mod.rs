@@ -12,6 +12,10 @@
 //! executed in order (no setting and no answer is lost, a pending *OPC? answers once motion has ended), but until the
 //! `!` is reached each command is followed by an abort: nothing sent before a `!` moves on after it. 0x18 clears the
 //! link and everything in front of it; inside block data both are data.
+//!
+//! # Streams and buses
+//! A stream (socket, serial port) uses a session as it is: answers leave as they come, and nothing interrupts them. A
+//! link that is a bus, or has what a bus has, puts an `Exchange` of `scpi::exchange` before it.
 
 use crate::error::{Error, ErrorNumber};
 use crate::scpi::common;
@@ -185,12 +189,19 @@ impl Session {
 
     /// Executes what can be executed. True when a unit was.
     pub fn poll(&mut self, instrument: &mut impl Instrument) -> bool {
+        self.advance(instrument, |_| true)
+    }
+
+    /// Executes what can be executed, for as long as `goes_on` says so; it is asked in front of every unit and every
+    /// message.
+    #[inline(always)]
+    fn advance(&mut self, instrument: &mut impl Instrument, mut goes_on: impl FnMut(&mut Self) -> bool) -> bool {
         let mut progress = false;
         if core::mem::take(&mut self.abort_now) {
             instrument.abort(self.link);
         }
         self.look_at(instrument);
-        while self.busy || self.refill() {
+        while goes_on(self) && (self.busy || self.refill()) {
             match self.step(instrument) {
                 Step::Blocked => break,
                 Step::Command => {
@@ -309,6 +320,9 @@ impl Session {
         self.status.status_byte(self.out.is_available())
     }
 }
+
+#[cfg(feature = "bus")]
+mod message;
 
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,229 @@
+//! The message exchange of IEEE 488.2-1992, chapter 6, for links on which one side speaks at a time.
+//!
+//! # Where it stands
+//! A bus (GPIB), and a link that has what a bus has (HiSLIP, USB488), tells bytes from the end of a message (END), asks
+//! for an answer instead of waiting for one, and has lines beside the data: clear, trigger, serial poll, service
+//! request, remote and local. All that ends here. Below is a [`Device`]: bytes in, bytes out, one status. It does not
+//! know what link it serves, and what executes its commands knows even less.
+//!
+//! ```text
+//! (bytes, END) -> Exchange::write -> Device::take, end   -> parser, execution
+//! read request -> Exchange::read  <- Device::give        <- answers
+//! poll, SRQ    <- Exchange        <- Device::status_byte
+//! ```
+//!
+//! # The rules
+//! The controller ends a message before it reads, and reads an answer whole before it writes again. What breaks them:
+//!
+//! | What the controller does | Error | What becomes of it |
+//! |---|---|---|
+//! | writes or triggers while an answer waits, is read or is being made | -410 | the answer, and the rest of its message, are dropped |
+//! | reads when nothing was asked, or in the middle of a message | -420 | nothing is sent; a message that has begun is dropped |
+//! | asks again behind `*IDN?` or `*OPT?` in one message | -440 | the first answer stands, the rest is dropped |
+//! | triggers in the middle of a message | -105 | no trigger; the message is dropped |
+//!
+//! Several messages in one go are executed in turn; the first that asks waits for its reader, and if another one
+//! stands behind it, it is interrupted. -430 (DEADLOCKED: input and output are full) does not happen: a message is
+//! executed when it is there as a whole, so no answer ever waits for the end of its own question.
+//!
+//! A stream needs none of this: there a [`Session`](super::session::Session) sends its answers as they come.
+
+mod control;
+#[cfg(test)]
+mod tests;
+
+pub use control::{Control, RemoteLocal};
+
+use super::status::stb;
+use crate::error::ErrorNumber;
+
+/// What takes program messages and makes answers.
+pub trait Device {
+    /// Takes bytes; says how many. The others are to be offered again, first and unchanged.
+    fn take(&mut self, bytes: &[u8]) -> usize;
+    /// END came with the last byte that was taken. False: not yet, to be said again after the next poll.
+    fn end(&mut self) -> bool;
+    /// A message has begun and has not ended.
+    fn is_partial(&self) -> bool;
+    /// Forgets a message that has begun.
+    fn drop_partial(&mut self);
+    /// A whole message is there: executed, held up, or waiting for its turn.
+    fn is_busy(&self) -> bool;
+    /// Bytes stand behind the message that is executed, or behind an answer.
+    fn has_more(&self) -> bool;
+    /// The message that is executed has asked something, and its answer has not ended.
+    fn asks(&self) -> bool;
+    /// Bytes of an answer wait.
+    fn has_answer(&self) -> bool;
+    /// Hands bytes of an answer out; says how many.
+    fn give(&mut self, to: &mut [u8]) -> usize;
+    /// Forgets an answer, and the rest of its message.
+    fn drop_answer(&mut self);
+    /// Device clear: forgets input and output and what they wait for; registers and errors stay.
+    fn clear(&mut self);
+    /// Does what *TRG does, behind what was sent before. False: no room, to be said again.
+    fn trigger(&mut self) -> bool;
+    /// Queues an error.
+    fn report(&mut self, error: ErrorNumber);
+    /// The status byte, with MSS in bit 6.
+    fn status_byte(&self) -> u8;
+}
+
+/// What a read has brought.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Read {
+    /// So many bytes; with END on the last one, the answer is complete.
+    Bytes(usize, bool),
+    /// Nothing yet: a message is still executed, which may answer.
+    NotYet,
+    /// Nothing, and nothing will come: the controller has not asked (-420).
+    NothingAsked,
+}
+
+/// The exchange of one link.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Exchange {
+    /// END is still to be told.
+    ending: bool,
+    /// MSS as last seen.
+    summary: bool,
+    /// RQS: MSS has risen since the last serial poll.
+    requests: bool,
+    control: RemoteLocal,
+}
+
+impl Exchange {
+    /// As after power-up.
+    pub const fn new() -> Self {
+        Exchange { ending: false, summary: false, requests: false, control: RemoteLocal::new() }
+    }
+
+    /// The controller sends bytes, `end`: with END on the last. Says how many are taken; the others are to be offered
+    /// again, first and unchanged, after the next poll. Who gives the rest up clears the device.
+    pub fn write(&mut self, device: &mut impl Device, bytes: &[u8], end: bool) -> usize {
+        self.tell_end(device);
+        if self.ending || bytes.is_empty() {
+            return 0;
+        }
+        self.control.listens();
+        self.interrupt(device);
+        let taken = device.take(bytes);
+        if taken == bytes.len() && end {
+            self.ending = true;
+            self.tell_end(device);
+        }
+        self.see(device.status_byte());
+        taken
+    }
+
+    /// The controller wants bytes of an answer. Poll the device before.
+    pub fn read(&mut self, device: &mut impl Device, to: &mut [u8]) -> Read {
+        if to.is_empty() {
+            return Read::NotYet;
+        }
+        let read = if device.has_answer() {
+            let count = device.give(to);
+            Read::Bytes(count, !device.has_answer() && !device.asks())
+        } else if self.ending || device.is_busy() {
+            Read::NotYet
+        } else {
+            device.drop_partial();
+            device.report(ErrorNumber::QueryUnterminated);
+            Read::NothingAsked
+        };
+        self.see(device.status_byte());
+        read
+    }
+
+    /// Executes what can be executed: `execute` polls the device, shows every status byte on the way, and says whether
+    /// it has done something.
+    pub fn poll<D: Device>(
+        &mut self,
+        device: &mut D,
+        mut execute: impl FnMut(&mut D, &mut dyn FnMut(u8)) -> bool,
+    ) -> bool {
+        let mut progress = false;
+        loop {
+            progress |= execute(device, &mut |status| self.see(status));
+            self.see(device.status_byte());
+            let ended = self.ending && self.tell_end(device);
+            if device.has_more() && self.interrupt(device) || ended {
+                continue;
+            }
+            return progress;
+        }
+    }
+
+    /// Something was sent while an answer waited: -410.
+    fn interrupt(&mut self, device: &mut impl Device) -> bool {
+        let waits = device.has_answer() || device.asks();
+        if waits {
+            device.drop_answer();
+            device.report(ErrorNumber::QueryInterrupted);
+        }
+        waits
+    }
+
+    /// True when the device knows of the end now.
+    fn tell_end(&mut self, device: &mut impl Device) -> bool {
+        if self.ending {
+            self.ending = !device.end();
+        }
+        !self.ending
+    }
+
+    /// The status byte at some time: a service request is an edge of its summary.
+    pub fn see(&mut self, status: u8) {
+        let summary = status & stb::MASTER_SUMMARY != 0;
+        self.requests = summary && (self.requests || !self.summary);
+        self.summary = summary;
+    }
+
+    /// The device asks for a serial poll (SRQ).
+    pub const fn requests_service(&self) -> bool {
+        self.requests
+    }
+
+    /// The status byte with RQS in bit 6, which this clears.
+    pub fn serial_poll(&mut self, device: &impl Device) -> u8 {
+        let status = device.status_byte();
+        self.see(status);
+        let request = if core::mem::take(&mut self.requests) { stb::MASTER_SUMMARY } else { 0 };
+        status & !stb::MASTER_SUMMARY | request
+    }
+
+    /// An answer waits, or is being made.
+    pub fn is_asked(&self, device: &impl Device) -> bool {
+        device.has_answer() || device.asks() || (self.ending || device.has_more()) && device.is_busy()
+    }
+
+    /// Device clear (DCL, SDC).
+    pub fn clear(&mut self, device: &mut impl Device) {
+        self.ending = false;
+        device.clear();
+        self.see(device.status_byte());
+    }
+
+    /// Group execute trigger. False: to be said again after the next poll.
+    pub fn trigger(&mut self, device: &mut impl Device) -> bool {
+        if !self.tell_end(device) {
+            return false;
+        }
+        self.control.listens();
+        let done = if device.is_partial() {
+            device.drop_partial();
+            device.report(ErrorNumber::GetNotAllowed);
+            true
+        } else {
+            self.interrupt(device);
+            device.trigger()
+        };
+        self.see(device.status_byte());
+        done
+    }
+
+    /// Remote, local and lockout.
+    pub const fn control(&mut self) -> &mut RemoteLocal {
+        &mut self.control
+    }
+}

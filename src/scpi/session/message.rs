@@ -1,0 +1,121 @@
+//! A session as the device behind a message exchange.
+
+use super::{Instrument, Session};
+use crate::error::{Error, ErrorNumber};
+use crate::scpi::exchange::Device;
+use crate::scpi::parser::{self, Path};
+use crate::scpi::tree::Command;
+
+impl Session {
+    /// As [`Session::poll`], but no message is begun while the answer of the one before it waits for its reader, and
+    /// a query behind an indefinite answer is refused (-440). `see` is shown the status byte in front of every unit.
+    pub fn poll_message(&mut self, instrument: &mut impl Instrument, mut see: impl FnMut(u8)) -> bool {
+        self.advance(instrument, |session| {
+            see(session.status_byte());
+            if !session.busy {
+                return !session.has_output();
+            }
+            session.refuse_query_after_indefinite();
+            true
+        })
+    }
+
+    /// The unit that comes next, or waits, is a query.
+    fn is_at_query(&self) -> bool {
+        let unit = parser::next_unit(self.lexer.message(), self.at, &self.path);
+        unit.is_some_and(|unit| unit.call.is_ok_and(|call| call.query))
+    }
+
+    /// The answers to *IDN? and *OPT? are text without an end of its own: nothing may follow them in an answer
+    /// (IEEE 488.2, 6.5.7.5). The rest of the message is dropped.
+    fn refuse_query_after_indefinite(&mut self) {
+        if !self.out.is_open() || !self.is_at_query() {
+            return;
+        }
+        let (mut at, mut path) = (0, Path::new());
+        while let Some(unit) = parser::next_unit(self.lexer.message(), at, &path).filter(|_| at < self.at) {
+            let indefinite = |command| matches!(command, Command::Identify | Command::Options);
+            if unit.call.is_ok_and(|call| indefinite(call.command)) {
+                self.status.report(ErrorNumber::QueryAfterIndefinite.into());
+                return self.end_message();
+            }
+            (at, path) = (unit.next, unit.path);
+        }
+    }
+}
+
+impl Device for Session {
+    fn take(&mut self, bytes: &[u8]) -> usize {
+        self.receive(bytes)
+    }
+
+    fn end(&mut self) -> bool {
+        if self.watch.is_at_start() {
+            return true;
+        }
+        if self.watch.in_block() {
+            let mine = self.awaits_block();
+            self.timeout();
+            return mine;
+        }
+        let full = self.busy && self.backlog.is_full();
+        !full && self.receive(b"\n") == 1
+    }
+
+    fn is_partial(&self) -> bool {
+        !self.watch.is_at_start()
+    }
+
+    fn drop_partial(&mut self) {
+        // nothing is in front of it: the lexer has it all
+        if !self.is_busy() {
+            self.lexer.clear();
+            self.watch = super::Framer::new();
+        }
+    }
+
+    fn is_busy(&self) -> bool {
+        self.busy || self.has_more()
+    }
+
+    fn has_more(&self) -> bool {
+        !self.backlog.is_empty() || self.ahead > 0
+    }
+
+    fn asks(&self) -> bool {
+        self.busy && (self.out.is_open() || self.is_at_query())
+    }
+
+    fn has_answer(&self) -> bool {
+        self.has_output()
+    }
+
+    fn give(&mut self, to: &mut [u8]) -> usize {
+        self.transmit(to)
+    }
+
+    fn drop_answer(&mut self) {
+        if self.asks() {
+            self.end_message();
+        }
+        self.out.clear();
+    }
+
+    fn clear(&mut self) {
+        self.device_clear();
+    }
+
+    fn trigger(&mut self) -> bool {
+        const TRIGGER: &[u8] = b"*TRG\n";
+        let room = !self.is_busy() || self.backlog.capacity() - self.backlog.len() >= TRIGGER.len() && self.ahead == 0;
+        room && self.receive(TRIGGER) == TRIGGER.len()
+    }
+
+    fn report(&mut self, error: ErrorNumber) {
+        Session::report(self, Error::from(error));
+    }
+
+    fn status_byte(&self) -> u8 {
+        Session::status_byte(self)
+    }
+}
