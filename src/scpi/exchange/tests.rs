@@ -575,9 +575,9 @@ fn no_sequence_wedges_a_device_that_moves() {
         let marker = format!("{}\n", 1 + random.below(200));
         assert_eq!(bus.ask(&format!("STAT:OPER:ENAB {};ENAB?", marker.trim())), marker, "sequence {sequence}: {log}");
         for error in bus.errors() {
-            let known =
-                [-100, -101, -102, -104, -105, -108, -109, -113, -123, -151, -161, -350, -363, -410, -420, -440];
-            assert!(known.contains(&error), "sequence {sequence}: {error}: {log}");
+            // what the pieces make may be wrong in any way
+            let language = (-299..=-100).contains(&error) || [-350, -363].contains(&error);
+            assert!(language || [-410, -420, -440].contains(&error), "sequence {sequence}: {error}: {log}");
         }
         assert_eq!(bus.ask("*ESE 0;*ESE?"), 0.to_string() + "\n");
     }
