@@ -140,6 +140,13 @@ impl Bus {
     fn clear(&mut self) {
         self.exchange.clear(&mut self.session);
     }
+
+    /// Every move that was sent comes to its end.
+    fn rest(&mut self) {
+        while core::mem::take(&mut self.stage.moving) {
+            self.poll();
+        }
+    }
 }
 
 #[test]
@@ -552,8 +559,7 @@ fn no_sequence_wedges_a_device_that_moves() {
                         log += "held; ";
                         // who gives up clears
                         if random.below(2) == 0 {
-                            bus.stage.moving = false;
-                            bus.poll();
+                            bus.rest();
                         }
                         bus.clear();
                     }
@@ -564,13 +570,13 @@ fn no_sequence_wedges_a_device_that_moves() {
                 _ => drop(bus.poll_status()),
             }
         }
-        bus.stage.moving = false;
-        bus.poll();
+        bus.rest();
         if random.below(2) == 0 {
             bus.clear();
         } else {
             // END ends whatever has begun, and a question drops whatever was answered
             bus.put(b"\n", true);
+            bus.rest();
         }
         let marker = format!("{}\n", 1 + random.below(200));
         assert_eq!(bus.ask(&format!("STAT:OPER:ENAB {};ENAB?", marker.trim())), marker, "sequence {sequence}: {log}");
