@@ -10,6 +10,7 @@ pub mod console;
 pub mod control;
 pub mod experiment;
 pub mod flash;
+pub mod gpib;
 pub mod identify;
 pub mod light;
 pub mod machine;

@@ -268,6 +268,11 @@ impl Lexer {
         self.framer.in_block()
     }
 
+    /// True when no message has begun.
+    pub fn is_at_start(&self) -> bool {
+        self.framer.is_at_start()
+    }
+
     /// No byte came for two seconds: a block that is awaited is given up, its message is [`Event::Message`] with a
     /// short block (-161 from the parser). Elsewhere nothing happens: a message may be typed by hand.
     pub fn timeout(&mut self) -> Event {

@@ -5,8 +5,9 @@ use super::common::load;
 use crate::bench_twin::{self, Bench, Side, Start};
 use crate::control::Hand;
 use crate::flash::Flash;
+use crate::gpib::Bus;
 use crate::machine::Machine;
-use crate::server::{BenchStation, MeterStation, Options, Served, Speed, Station, serve};
+use crate::server::{BenchStation, Boards, MeterStation, OnBus, Options, Served, Speed, Station, serve};
 use crate::session::power_up_from;
 use mio::Poll;
 use std::io::{self, IsTerminal, Write};
@@ -32,6 +33,10 @@ pub struct Args {
     /// TCP port of the first board; the next ones follow. 0: the system chooses.
     #[arg(long, default_value_t = 5025)]
     port: u16,
+    /// TCP port of a GPIB gateway, as a Prologix GPIB-ETHERNET has it: boards at the addresses 5, 6, ... and behind them
+    /// the power meter of a bench; docs/BUS.md. 0: the system chooses.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "1234")]
+    gpib: Option<u16>,
     /// `max`, or a factor of real time.
     #[arg(long, default_value = "1", value_parser = speed)]
     speed: Speed,
@@ -104,7 +109,21 @@ impl Args {
         if let Some(address) = stations.first().and_then(|s| s.address().ok()) {
             println!("\nFrom Python (pip install pyvisa pyvisa-py):\n{}", snippet(address));
         }
-        self.until_interrupted(&mut stations, poll)
+        match self.gpib {
+            None => self.until_interrupted(&mut stations, poll),
+            Some(port) => {
+                let boards = Boards::new(stations).ok_or_else(no_link)?;
+                self.serve_on_bus(boards, port, poll)
+            }
+        }
+    }
+
+    /// Serves on a bus too, behind a gateway.
+    fn serve_on_bus(&self, served: impl Served + Bus, port: u16, poll: Poll) -> Result<(), Failure> {
+        let address = SocketAddr::new(self.bind, port);
+        let served = OnBus::new(served, address, &poll).map_err(|source| at(address, source))?;
+        println!("GPIB gateway\n  GPIB  {}", served.address().map_err(|source| self.net(source))?);
+        self.until_interrupted(&mut [served], poll)
     }
 
     fn serve_bench(&self, seed: u64, drawing: Machine, poll: Poll) -> Result<(), Failure> {
@@ -124,7 +143,14 @@ impl Args {
             self.introduce(side, station)?;
         }
         println!("Power meter\n  TCP  {}", meter.address().map_err(|source| self.net(source))?);
-        self.until_interrupted(&mut [BenchStation::new(bench, stations, meter, self.speed)], poll)
+        let mut bench = BenchStation::new(bench, stations, meter, self.speed);
+        match self.gpib {
+            None => self.until_interrupted(&mut [bench], poll),
+            Some(port) => match bench.attach() {
+                true => self.serve_on_bus(bench, port, poll),
+                false => Err(no_link()),
+            },
+        }
     }
 
     /// A board, counted from 0, that turns the motors of `truth` and knows what `believed` says of it.
@@ -175,6 +201,10 @@ impl Args {
         let hand = || words.as_ref().and_then(|words| words.try_recv().ok());
         serve(served, poll, status, hand, || false).map_err(|source| self.net(source))
     }
+}
+
+fn no_link() -> Failure {
+    Failure::Refused("a board has no link left for the bus".to_owned())
 }
 
 fn at(address: SocketAddr, source: io::Error) -> Failure {

@@ -2,9 +2,10 @@
 
 use super::meter::MeterStation;
 use super::pace::{Pace, Turn};
-use super::{Served, Speed, Station};
+use super::{FIRST_ADDRESS, Served, Speed, Station};
 use crate::bench_twin::Bench;
 use crate::control::Hand;
+use crate::gpib::{Bus, Instrument};
 use crate::rig::Rig;
 use std::time::Duration;
 
@@ -16,12 +17,22 @@ pub struct BenchStation {
     pace: Pace,
     /// A collision has been said.
     told: bool,
+    /// The boards' links on a bus.
+    links: Option<[usize; 2]>,
 }
 
 impl BenchStation {
     /// Puts boards, whose stages are those of the bench, and a meter before it.
     pub fn new(bench: Bench, stations: [Station; 2], meter: MeterStation, speed: Speed) -> Self {
-        BenchStation { stations, meter, rig: Rig::new(bench), pace: Pace::new(speed), told: false }
+        BenchStation { stations, meter, rig: Rig::new(bench), pace: Pace::new(speed), told: false, links: None }
+    }
+
+    /// Puts boards and meter on a bus. False when a board has no link left.
+    pub fn attach(&mut self) -> bool {
+        self.meter.attach();
+        let [input, output] = self.stations.each_mut().map(Station::attach);
+        self.links = input.zip(output).map(|(input, output)| [input, output]);
+        self.links.is_some()
     }
 
     /// One segment of virtual time for all.
@@ -38,6 +49,28 @@ impl BenchStation {
     /// On either side something moves, or a client waits for a reading.
     fn wants_time(&self) -> bool {
         self.stations.iter().any(Station::wants_time) || self.meter.wants_time()
+    }
+}
+
+impl Bus for BenchStation {
+    fn addresses(&self) -> Vec<u8> {
+        (FIRST_ADDRESS..=FIRST_ADDRESS + 2).collect()
+    }
+
+    /// The boards, input side first, and the meter behind them.
+    fn instrument(&mut self, address: u8, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
+        let place = usize::from(address.checked_sub(FIRST_ADDRESS)?);
+        match self.stations.get_mut(place) {
+            Some(station) => station.instrument(self.links?[place], wall.as_millis() as u64),
+            None if place == 2 => self.meter.instrument(&mut self.rig),
+            None => None,
+        }
+    }
+
+    fn release(&mut self) {
+        for (station, link) in self.stations.iter_mut().zip(self.links.iter().flatten()) {
+            station.release(*link);
+        }
     }
 }
 

@@ -2,10 +2,12 @@
 
 use super::link::{State, Stream};
 use super::station::TOKEN;
+use crate::gpib::{Instrument, Wired};
 use crate::power_meter::Session;
 use crate::rig::Rig;
 use mio::net::{TcpListener, TcpStream};
 use mio::{Interest, Poll, Registry};
+use stage_controller::scpi::exchange::Exchange;
 use std::io;
 use std::net::SocketAddr;
 
@@ -43,6 +45,8 @@ pub struct MeterStation {
     listener: TcpListener,
     registry: Registry,
     clients: Vec<Client>,
+    /// The link that is a bus.
+    bus: Option<(Session, Exchange)>,
 }
 
 impl MeterStation {
@@ -53,7 +57,28 @@ impl MeterStation {
     pub fn new(address: SocketAddr, poll: &Poll) -> io::Result<Self> {
         let mut listener = TcpListener::bind(address)?;
         poll.registry().register(&mut listener, TOKEN, Interest::READABLE)?;
-        Ok(MeterStation { listener, registry: poll.registry().try_clone()?, clients: Vec::new() })
+        Ok(MeterStation { listener, registry: poll.registry().try_clone()?, clients: Vec::new(), bus: None })
+    }
+
+    /// Puts the meter on a bus: a link that stays open.
+    pub fn attach(&mut self) {
+        self.bus = Some((Session::new(), Exchange::new()));
+    }
+
+    /// The meter as an instrument on its bus.
+    pub(super) fn instrument<'a>(&'a mut self, rig: &'a mut Rig) -> Option<Box<dyn Instrument + 'a>> {
+        let tick = rig.tick();
+        let (device, exchange) = self.bus.as_mut()?;
+        let poll =
+            move |session: &mut Session, see: &mut dyn FnMut(u8)| session.poll_message(&mut rig.bench, tick, see);
+        Some(Box::new(Wired { exchange, device, poll }))
+    }
+
+    fn poll_bus(&mut self, rig: &mut Rig) {
+        let tick = rig.tick();
+        if let Some((session, exchange)) = &mut self.bus {
+            exchange.poll(session, |session, see| session.poll_message(&mut rig.bench, tick, see));
+        }
     }
 
     /// Where it listens.
@@ -84,6 +109,7 @@ impl MeterStation {
             let state = client.exchange(rig);
             state == State::Open && !client.is_done()
         });
+        self.poll_bus(rig);
         self.wants_time() || self.clients.iter().any(|client| client.stream.has_input())
     }
 
@@ -96,10 +122,21 @@ impl MeterStation {
                 client.session.poll(&mut rig.bench, tick);
             }
         }
+        if let Some((session, exchange)) = &mut self.bus {
+            session.see(&rig.bench, tick);
+            exchange.see(session.status_byte());
+            if session.wants_time() {
+                self.poll_bus(rig);
+            }
+        }
     }
 
     /// A client waits for the switch or for a reading.
     pub(super) fn wants_time(&self) -> bool {
-        self.clients.iter().any(|client| client.session.wants_time())
+        self.clients
+            .iter()
+            .map(|client| &client.session)
+            .chain(self.bus.iter().map(|(session, _)| session))
+            .any(Session::wants_time)
     }
 }

@@ -7,6 +7,7 @@ use super::pty::Pty;
 use crate::board::{Board, Interleaving};
 use crate::control::Hand;
 use crate::flash::Flash;
+use crate::gpib::{Instrument, Wired};
 use crate::machine::Machine;
 use mio::net::{TcpListener, TcpStream};
 use mio::unix::SourceFd;
@@ -14,6 +15,8 @@ use mio::{Interest, Poll, Token};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use stage_controller::refill::safety::Inputs;
+use stage_controller::scpi::exchange::Exchange;
+use stage_controller::scpi::session::Session;
 use stage_controller::store::Store;
 use stage_controller::units::decimal::{Formatted, Unit};
 use stage_controller::units::{Axis, SEGMENT_NS};
@@ -22,8 +25,8 @@ use std::net::SocketAddr;
 use std::os::fd::{AsFd, AsRawFd};
 use std::time::Duration;
 
-/// Links of a board: sockets and the serial port.
-const LINKS: usize = 9;
+/// Links of a board: sockets, the serial port, and the bus.
+const LINKS: usize = 10;
 /// Rounds of one turn for a client that leaves.
 const LAST_ROUNDS: usize = 64;
 /// Of everything that wakes the server: it looks at all links then.
@@ -57,6 +60,9 @@ struct Terminal {
     leaving: bool,
 }
 
+/// Links that are a bus, by their numbers.
+type Buses = Vec<(usize, Exchange)>;
+
 /// What conditions follow, of the latest report.
 #[derive(Clone, Copy, Default, PartialEq)]
 struct Seen {
@@ -77,6 +83,7 @@ pub struct Station {
     pty: Option<Terminal>,
     pace: Pace,
     seen: Seen,
+    buses: Buses,
 }
 
 impl Station {
@@ -112,7 +119,34 @@ impl Station {
             pty,
             pace: Pace::new(options.speed),
             seen: Seen::default(),
+            buses: Vec::new(),
         })
+    }
+
+    /// Puts the board on a bus: a link that stays open. None when all links are taken.
+    pub fn attach(&mut self) -> Option<usize> {
+        let link = self.links.open(0)?;
+        self.buses.push((link, Exchange::new()));
+        Some(link)
+    }
+
+    /// The board as an instrument on its bus.
+    pub(super) fn instrument(&mut self, link: usize, now_ms: u64) -> Option<Box<dyn Instrument + '_>> {
+        self.links.heard(link, now_ms);
+        let Station { board, links, buses, .. } = self;
+        let (_, exchange) = buses.iter_mut().find(|(n, _)| *n == link)?;
+        let poll = |session: &mut Session, see: &mut dyn FnMut(u8)| session.poll_message(&mut board.front, see);
+        Some(Box::new(Wired { exchange, device: links.session(link)?, poll }))
+    }
+
+    /// Nobody controls the bus any more: a jog that was begun there ends.
+    pub(super) fn release(&mut self, link: usize) {
+        self.board.front.end_jogs(link as u8);
+    }
+
+    /// Executes what can be executed; true when something was.
+    fn execute(&mut self, now_ms: u64) -> bool {
+        execute(&mut self.links, &mut self.buses, &mut self.board.front, now_ms)
     }
 
     /// Where it listens.
@@ -137,7 +171,7 @@ impl Station {
     pub(super) fn hear(&mut self, now_ms: u64) -> bool {
         self.accept(now_ms);
         self.read(now_ms);
-        let executed = self.links.poll(&mut self.board.front, now_ms);
+        let executed = self.execute(now_ms);
         self.part(now_ms);
         self.write();
         executed
@@ -146,7 +180,7 @@ impl Station {
     /// Answers after time has passed.
     pub(super) fn tell(&mut self, now_ms: u64) {
         self.observe();
-        self.links.poll(&mut self.board.front, now_ms);
+        self.execute(now_ms);
         self.write();
     }
 
@@ -172,7 +206,7 @@ impl Station {
     }
 
     fn read(&mut self, now_ms: u64) {
-        let Station { board, links, clients, pty, .. } = self;
+        let Station { board, links, clients, pty, buses, .. } = self;
         clients.retain_mut(|client| {
             let state = client.stream.fill();
             client.stream.offer(|bytes| links.receive(client.link, bytes, now_ms));
@@ -183,7 +217,7 @@ impl Station {
                 State::Gone if client.leaving => client.stream.deafen(),
                 State::Gone => {
                     // what came before the reset is still executed, if it can be without waiting
-                    links.poll(&mut board.front, now_ms);
+                    execute(links, buses, &mut board.front, now_ms);
                     links.close(client.link, &mut board.front);
                     return false;
                 }
@@ -208,20 +242,21 @@ impl Station {
 
     /// Closes the links of those who send no more, once what they have sent is executed or waits for motion.
     fn part(&mut self, now_ms: u64) {
-        let Station { board, links, clients, pty, .. } = self;
+        let Station { board, links, clients, pty, buses, .. } = self;
+        let front = &mut board.front;
         clients.retain_mut(|client| {
-            let done = client.leaving && finish(client.link, &mut client.stream, links, &mut board.front, now_ms);
+            let done = client.leaving && finish(client.link, &mut client.stream, links, buses, front, now_ms);
             if done {
-                links.close(client.link, &mut board.front);
+                links.close(client.link, front);
             }
             !done
         });
         if let Some(Terminal { stream, link, leaving }) = pty
             && *leaving
-            && link.is_none_or(|n| finish(n, stream, links, &mut board.front, now_ms))
+            && link.is_none_or(|n| finish(n, stream, links, buses, front, now_ms))
         {
             if let Some(n) = link.take() {
-                links.close(n, &mut board.front);
+                links.close(n, front);
             }
             stream.clear();
             *leaving = false;
@@ -250,7 +285,7 @@ impl Station {
         self.board.step(|_| ());
         self.observe();
         if self.links.is_waiting() {
-            self.links.poll(&mut self.board.front, now_ms);
+            self.execute(now_ms);
         }
     }
 
@@ -268,6 +303,11 @@ impl Station {
         if now != self.seen {
             self.seen = now;
             self.links.observe(&self.board.front);
+            for (link, exchange) in &mut self.buses {
+                if let Some(session) = self.links.session(*link) {
+                    exchange.see(session.status_byte());
+                }
+            }
         }
     }
 
@@ -317,19 +357,28 @@ impl Served for Station {
     }
 }
 
+/// Executes what can be executed on all links; true when something was.
+fn execute(links: &mut Links<LINKS>, buses: &mut Buses, front: &mut Front, now_ms: u64) -> bool {
+    links.poll_each(front, now_ms, |n, session, front| match buses.iter_mut().find(|(link, _)| *link == n) {
+        Some((_, exchange)) => exchange.poll(session, |session, see| session.poll_message(front, see)),
+        None => session.poll(front),
+    })
+}
+
 /// Executes what a client has left behind; true when nothing is left that can be executed without waiting for motion,
 /// and its answers are out. Its jogs end at once.
 fn finish<S: Read + Write>(
     link: usize,
     stream: &mut Stream<S>,
     links: &mut Links<LINKS>,
+    buses: &mut Buses,
     front: &mut Front,
     now_ms: u64,
 ) -> bool {
     for _ in 0..LAST_ROUNDS {
         stream.offer(|bytes| links.receive(link, bytes, now_ms));
         let busy = front.is_busy_at_the_border();
-        let progress = links.poll(front, now_ms);
+        let progress = execute(links, buses, front, now_ms);
         front.end_jogs(link as u8);
         if stream.drain(|to| links.transmit(link, to)) != State::Open {
             stream.deafen();

@@ -192,9 +192,9 @@ impl Exchange {
         status & !stb::MASTER_SUMMARY | request
     }
 
-    /// An answer waits, or is being made.
-    pub fn is_asked(&self, device: &impl Device) -> bool {
-        device.has_answer() || device.asks() || (self.ending || device.has_more()) && device.is_busy()
+    /// Nothing is executed and no answer waits: a read would be an error.
+    pub fn is_idle(&self, device: &impl Device) -> bool {
+        !self.ending && !device.is_busy() && !device.has_answer()
     }
 
     /// Device clear (DCL, SDC).

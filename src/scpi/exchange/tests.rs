@@ -216,7 +216,7 @@ fn a_question_that_waits_is_answered_in_the_end_or_interrupted() {
     let mut bus = Bus::new();
     bus.write("AXIS1:MOVE 1;*OPC?");
     assert_eq!(bus.read(10).1, Read::NotYet);
-    assert!(bus.exchange.is_asked(&bus.session));
+    assert!(!bus.exchange.is_idle(&bus.session));
     bus.stage.moving = false;
     assert_eq!(bus.answer().as_deref(), Some("1\n"));
     bus.write("AXIS1:MOVE 1;*OPC?;*ESE 5");
@@ -339,7 +339,7 @@ fn a_clear_at_each_byte_leaves_a_working_link_and_no_error() {
     for message in MESSAGES {
         let mut whole = Bus::new();
         whole.write(message);
-        let answer = if whole.exchange.is_asked(&whole.session) { whole.answer().unwrap_or_default().len() } else { 0 };
+        let answer = if whole.exchange.is_idle(&whole.session) { 0 } else { whole.answer().unwrap_or_default().len() };
         for at in 0..message.len() + answer {
             let mut bus = Bus::new();
             if at < message.len() {

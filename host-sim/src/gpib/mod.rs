@@ -1,0 +1,128 @@
+//! A GPIB bus in the computer, and the gateway through which a program on the network controls it.
+//!
+//! # The way of the data
+//! ```text
+//! bytes of a client -> Lines      -> Line::Command(text), Line::Data(bytes)
+//! Line              -> Gateway    -> one operation at a time: write, read, serial poll, trigger, ...
+//! operation         -> Instrument -> (bytes, END), serial poll, clear     at an address of a Bus
+//! Instrument        -> Exchange   -> bytes in, bytes out, status byte     of a controller or a meter
+//! ```
+//!
+//! [`Gateway`] is one client's; it holds no socket and no clock. What is at the addresses does not know that it is on a
+//! bus.
+
+mod command;
+mod gateway;
+mod lines;
+
+pub use gateway::Gateway;
+
+use stage_controller::scpi::exchange::{Device, Exchange, Read};
+use std::time::Duration;
+
+/// What a bus can tell an instrument about remote and local.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Panel {
+    /// The line REN.
+    Enable(bool),
+    /// Go to local (GTL).
+    Local,
+    /// Local lockout (LLO).
+    LockOut,
+}
+
+/// An instrument on a bus.
+pub trait Instrument {
+    /// Sends bytes, `end`: with END (EOI) on the last. Says how many are taken; the others are to be offered again,
+    /// first and unchanged. Who gives the rest up clears the instrument.
+    fn write(&mut self, bytes: &[u8], end: bool) -> usize;
+    /// Asks for bytes of an answer.
+    fn read(&mut self, to: &mut [u8]) -> Read;
+    /// Nothing is executed and no answer waits.
+    fn is_idle(&mut self) -> bool;
+    /// The status byte with RQS, which this clears.
+    fn serial_poll(&mut self) -> u8;
+    /// It pulls SRQ.
+    fn requests_service(&mut self) -> bool;
+    /// Selected device clear.
+    fn clear(&mut self);
+    /// Group execute trigger. False: to be said again.
+    fn trigger(&mut self) -> bool;
+    /// Remote and local.
+    fn panel(&mut self, panel: Panel);
+}
+
+/// Instruments by their primary address, 0 to 30.
+pub trait Bus {
+    /// Where there are instruments.
+    fn addresses(&self) -> Vec<u8>;
+    /// The instrument at an address, `wall` time since the start.
+    fn instrument(&mut self, address: u8, wall: Duration) -> Option<Box<dyn Instrument + '_>>;
+    /// A client of the gateway has gone: what moves only while somebody is there stops.
+    fn release(&mut self);
+}
+
+/// A device with its exchange; `poll` executes what can be executed.
+pub struct Wired<'a, D, P> {
+    /// The exchange.
+    pub exchange: &'a mut Exchange,
+    /// The device.
+    pub device: &'a mut D,
+    /// Polls the device, and shows every status byte on the way.
+    pub poll: P,
+}
+
+impl<D: Device, P: FnMut(&mut D, &mut dyn FnMut(u8)) -> bool> Wired<'_, D, P> {
+    fn poll(&mut self) {
+        self.exchange.poll(self.device, &mut self.poll);
+    }
+}
+
+impl<D: Device, P: FnMut(&mut D, &mut dyn FnMut(u8)) -> bool> Instrument for Wired<'_, D, P> {
+    fn write(&mut self, bytes: &[u8], end: bool) -> usize {
+        let taken = self.exchange.write(self.device, bytes, end);
+        self.poll();
+        taken
+    }
+
+    fn read(&mut self, to: &mut [u8]) -> Read {
+        self.poll();
+        let read = self.exchange.read(self.device, to);
+        self.poll();
+        read
+    }
+
+    fn is_idle(&mut self) -> bool {
+        self.poll();
+        self.exchange.is_idle(self.device)
+    }
+
+    fn serial_poll(&mut self) -> u8 {
+        self.poll();
+        self.exchange.serial_poll(self.device)
+    }
+
+    fn requests_service(&mut self) -> bool {
+        self.poll();
+        self.exchange.requests_service()
+    }
+
+    fn clear(&mut self) {
+        self.exchange.clear(self.device);
+    }
+
+    fn trigger(&mut self) -> bool {
+        let done = self.exchange.trigger(self.device);
+        self.poll();
+        done
+    }
+
+    fn panel(&mut self, panel: Panel) {
+        let control = self.exchange.control();
+        match panel {
+            Panel::Enable(enabled) => control.enable(enabled),
+            Panel::Local => control.go_to_local(),
+            Panel::LockOut => control.lock_out(),
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! What is served, on a bus with its gateway.
+
+use super::link::{State, Stream};
+use super::station::TOKEN;
+use super::{Served, Station};
+use crate::control::Hand;
+use crate::gpib::{Bus, Gateway, Instrument, Panel};
+use mio::net::{TcpListener, TcpStream};
+use mio::{Interest, Poll, Registry};
+use std::io;
+use std::net::SocketAddr;
+use std::time::Duration;
+
+/// Address of the first board; the next ones follow, and the meter of a bench.
+pub const FIRST_ADDRESS: u8 = 5;
+/// Clients at a time.
+const CLIENTS: usize = 8;
+
+/// Boards, each for itself, on one bus.
+pub struct Boards {
+    stations: Vec<(Station, usize)>,
+}
+
+impl Boards {
+    /// Puts boards on a bus; none when one has no link left.
+    pub fn new(stations: Vec<Station>) -> Option<Self> {
+        let attach = |mut station: Station| station.attach().map(|link| (station, link));
+        stations.into_iter().map(attach).collect::<Option<_>>().map(|stations| Boards { stations })
+    }
+}
+
+impl Bus for Boards {
+    fn addresses(&self) -> Vec<u8> {
+        (FIRST_ADDRESS..).take(self.stations.len()).collect()
+    }
+
+    fn instrument(&mut self, address: u8, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
+        let (station, link) = self.stations.get_mut(usize::from(address.checked_sub(FIRST_ADDRESS)?))?;
+        station.instrument(*link, wall.as_millis() as u64)
+    }
+
+    fn release(&mut self) {
+        self.stations.iter_mut().for_each(|(station, link)| station.release(*link));
+    }
+}
+
+impl Served for Boards {
+    fn turn(&mut self, wall: Duration, budget: Duration) -> bool {
+        let budget = budget / self.stations.len().max(1) as u32;
+        // every one of them, whatever the others say
+        self.stations.iter_mut().fold(false, |busy, (station, _)| station.turn(wall, budget) || busy)
+    }
+
+    fn hand(&mut self, hand: Hand) {
+        self.stations.iter_mut().for_each(|(station, _)| station.hand(hand));
+    }
+
+    fn is_flat_out(&self) -> bool {
+        self.stations.iter().any(|(station, _)| station.is_flat_out())
+    }
+
+    fn status(&self) -> String {
+        self.stations.iter().map(|(station, _)| station.status()).collect::<Vec<_>>().join("   ")
+    }
+}
+
+struct Client {
+    stream: Stream<TcpStream>,
+    gateway: Gateway,
+    /// It sends no more.
+    leaving: bool,
+}
+
+impl Client {
+    /// Takes what has come, does it, and hands the answers out.
+    fn exchange(&mut self, bus: &mut impl Bus, wall: Duration) -> State {
+        let Client { stream, gateway, .. } = self;
+        gateway.go_on(bus, wall);
+        loop {
+            let mut taken = 0;
+            stream.offer(|bytes| {
+                taken = gateway.receive(bytes, bus, wall);
+                taken
+            });
+            let state = stream.drain(|to| gateway.transmit(to));
+            if state != State::Open || taken == 0 {
+                return state;
+            }
+        }
+    }
+
+    /// All it has sent is done, or would have timed out.
+    fn is_done(&self, wall: Duration) -> bool {
+        let ended = !self.gateway.is_busy() || self.gateway.has_timed_out(wall);
+        self.leaving && !self.stream.has_input() && ended && !self.stream.has_output()
+    }
+}
+
+/// What is served, on a bus, with the clients of its gateway.
+pub struct OnBus<S> {
+    served: S,
+    listener: TcpListener,
+    registry: Registry,
+    clients: Vec<Client>,
+}
+
+impl<S: Served + Bus> OnBus<S> {
+    /// Listens.
+    ///
+    /// # Errors
+    /// Those of the socket.
+    pub fn new(served: S, address: SocketAddr, poll: &Poll) -> io::Result<Self> {
+        let mut listener = TcpListener::bind(address)?;
+        poll.registry().register(&mut listener, TOKEN, Interest::READABLE)?;
+        Ok(OnBus { served, listener, registry: poll.registry().try_clone()?, clients: Vec::new() })
+    }
+
+    /// Where the gateway listens.
+    ///
+    /// # Errors
+    /// Those of the socket.
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+
+    fn accept(&mut self, wall: Duration) {
+        while let Ok((mut stream, _)) = self.listener.accept() {
+            if self.clients.len() < CLIENTS {
+                let _ = stream.set_nodelay(true);
+                // without it the server is only slower to hear
+                let _ = self.registry.register(&mut stream, TOKEN, Interest::READABLE);
+                if self.clients.is_empty() {
+                    self.enable(true, wall);
+                }
+                let (stream, gateway) = (Stream::new(stream), Gateway::new(FIRST_ADDRESS));
+                self.clients.push(Client { stream, gateway, leaving: false });
+            }
+        }
+    }
+
+    /// The line REN: true while somebody controls the bus.
+    fn enable(&mut self, enabled: bool, wall: Duration) {
+        for address in self.served.addresses() {
+            if let Some(mut instrument) = self.served.instrument(address, wall) {
+                instrument.panel(Panel::Enable(enabled));
+            }
+        }
+    }
+
+    /// One round of all clients; true while one of them waits.
+    fn round(&mut self, wall: Duration) -> bool {
+        self.accept(wall);
+        let OnBus { served, clients, .. } = self;
+        let before = clients.len();
+        clients.retain_mut(|client| {
+            let read = client.stream.fill();
+            client.leaving |= read == State::Ended;
+            let state = client.exchange(served, wall);
+            let gone = read == State::Gone || state == State::Gone || client.is_done(wall);
+            if gone {
+                client.gateway.hang_up(served, wall);
+            }
+            !gone
+        });
+        if before > 0 && self.clients.is_empty() {
+            self.enable(false, wall);
+        }
+        self.clients.iter().any(|client| client.gateway.is_busy() || client.stream.has_input() || client.leaving)
+    }
+}
+
+impl<S: Served + Bus> Served for OnBus<S> {
+    fn turn(&mut self, wall: Duration, budget: Duration) -> bool {
+        self.round(wall);
+        let busy = self.served.turn(wall, budget);
+        self.round(wall) || busy
+    }
+
+    fn hand(&mut self, hand: Hand) {
+        self.served.hand(hand);
+    }
+
+    fn is_flat_out(&self) -> bool {
+        self.served.is_flat_out()
+    }
+
+    fn status(&self) -> String {
+        self.served.status()
+    }
+}
