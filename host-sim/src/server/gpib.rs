@@ -9,6 +9,7 @@ use mio::net::{TcpListener, TcpStream};
 use mio::{Interest, Poll, Registry};
 use std::io;
 use std::net::SocketAddr;
+use std::os::fd::AsFd;
 use std::time::Duration;
 
 /// Address of the first board; the next ones follow, and the meter of a bench.
@@ -66,6 +67,8 @@ impl Served for Boards {
 
 struct Client {
     stream: Stream<TcpStream>,
+    /// The same socket, where the system lets us say that it acknowledges at once.
+    socket: Option<std::net::TcpStream>,
     gateway: Gateway,
     /// It sends no more.
     leaving: bool,
@@ -132,8 +135,9 @@ impl<S: Served + Bus> OnBus<S> {
                 if self.clients.is_empty() {
                     self.enable(true, wall);
                 }
+                let socket = stream.as_fd().try_clone_to_owned().ok().map(std::net::TcpStream::from);
                 let (stream, gateway) = (Stream::new(stream), Gateway::new(FIRST_ADDRESS));
-                self.clients.push(Client { stream, gateway, leaving: false });
+                self.clients.push(Client { stream, socket, gateway, leaving: false });
             }
         }
     }
@@ -154,6 +158,7 @@ impl<S: Served + Bus> OnBus<S> {
         let before = clients.len();
         clients.retain_mut(|client| {
             let read = client.stream.fill();
+            acknowledge(client.socket.as_ref());
             client.leaving |= read == State::Ended;
             let state = client.exchange(served, wall);
             let gone = read == State::Gone || state == State::Gone || client.is_done(wall);
@@ -167,6 +172,18 @@ impl<S: Served + Bus> OnBus<S> {
         }
         self.clients.iter().any(|client| client.gateway.is_busy() || client.stream.has_input() || client.leaving)
     }
+}
+
+/// Clients send a line, then `++read`, and most of them hold the second back until the first is acknowledged (Nagle's
+/// algorithm): without an answer to it the system would wait with that for 40 ms. It forgets after a while.
+fn acknowledge(socket: Option<&std::net::TcpStream>) {
+    #[cfg(target_os = "linux")]
+    if let Some(socket) = socket {
+        // without it the gateway is only slower
+        let _ = std::os::linux::net::TcpStreamExt::set_quickack(socket, true);
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = socket;
 }
 
 impl<S: Served + Bus> Served for OnBus<S> {
