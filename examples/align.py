@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Aligns a fibre, a 1x8 splitter chip and a fibre array: two stage controllers and a power meter, over VISA alone.
     align.py [VISA names of input side, output side and meter; without them those of `host-sim serve --bench`]
+    align.py PRLGX-TCPIP::127.0.0.1::1234::INTFC GPIB0::5::INSTR GPIB0::6::INSTR GPIB0::7::INSTR
 Lengths in um, angles in degrees, powers in dBm. Of the optics it knows what data sheets say."""
 import math, sys, pyvisa
 
@@ -62,9 +63,13 @@ def star():  # the array to the mean of what five readings tell each channel to 
     roll = sum((3.5 - n) * top[1] for n, top in enumerate(tops)) / (42 * PITCH)  # a straight line through them
     move(array, mean_x - x, mean_y + 3.5 * PITCH * roll - y, gamma=math.degrees(roll))
 
+def open_link(name):  # on GPIB an answer ends by EOI, on a stream by its line feed
+    ends = {} if "GPIB" in name or "INTFC" in name else {"read_termination": "\n"}
+    return manager.open_resource(name, write_termination="\n", timeout=60_000, **ends)
+
 names = sys.argv[1:] or [f"TCPIP::127.0.0.1::{port}::SOCKET" for port in (5025, 5026, 5027)]
-ends, manager = dict(read_termination="\n", write_termination="\n", timeout=60_000), pyvisa.ResourceManager("@py")
-source, array, meter = (manager.open_resource(name, **ends) for name in names)
+manager = pyvisa.ResourceManager("@py")
+*gateway, source, array, meter = map(open_link, names)  # a gateway stays open for those behind it
 source.side, array.side = "input", "output"
 for stage in source, array:
     run(stage, "SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US;:SENS2:INP LOG,20,-60;RANG 2.9;DEL 36 US")
@@ -72,7 +77,7 @@ print("first light")
 for stage, light in (source, "DET"), (array, 1):  # the input first, with the large-area detector behind the chip
     if read(light)[0] < DARK:
         stage.write(f"SCAN:DEF:SPIR 0,1,1,2,{SEARCH},0.4,8,{DARK},FIRS;:SCAN:STAR 0")
-        print(f"  {stage.side} side searched:", stage.query("*OPC?;:SYST:ERR?"))
+        print(f"  {stage.side} side searched:", stage.query("*OPC?;:SYST:ERR?").strip())
     peaks(SEARCH, stage)
 print("pitch and yaw about the fibre, drawn back")
 for stage in source, array:
