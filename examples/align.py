@@ -63,13 +63,12 @@ def star():  # the array to the mean of what five readings tell each channel to 
     roll = sum((3.5 - n) * top[1] for n, top in enumerate(tops)) / (42 * PITCH)  # a straight line through them
     move(array, mean_x - x, mean_y + 3.5 * PITCH * roll - y, gamma=math.degrees(roll))
 
-def open_link(name):  # on GPIB an answer ends by EOI, on a stream by its line feed
-    ends = {} if "GPIB" in name or "INTFC" in name else {"read_termination": "\n"}
-    return manager.open_resource(name, write_termination="\n", timeout=60_000, **ends)
-
 names = sys.argv[1:] or [f"TCPIP::127.0.0.1::{port}::SOCKET" for port in (5025, 5026, 5027)]
-manager = pyvisa.ResourceManager("@py")
-*gateway, source, array, meter = map(open_link, names)  # a gateway stays open for those behind it
+ends, manager = dict(write_termination="\n", timeout=60_000), pyvisa.ResourceManager("@py")
+*gateway, source, array, meter = (manager.open_resource(name, **ends) for name in names)
+for link in source, array, meter:
+    if "GPIB" not in link.resource_name:  # there EOI ends an answer
+        link.read_termination = "\n"
 source.side, array.side = "input", "output"
 for stage in source, array:
     run(stage, "SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US;:SENS2:INP LOG,20,-60;RANG 2.9;DEL 36 US")

@@ -246,16 +246,18 @@ def test_a_gateway_serves_boards_without_a_bench_and_clients_that_vanish(start, 
     assert int(two.query("STAT:OPER:COND?")) & 256 == 0, "the jog has ended"
 
 
-def test_the_example_aligns_over_gpib_addresses(start):
+@pytest.mark.parametrize(("example", "most"), [("align.py", 10), ("gpib.py", 10.6)])
+def test_the_examples_align_over_gpib_addresses(start, example, most):
     server = start("--bench", "4", "--gpib", "0", "--speed", "max", "--no-pty", boards=3, terminals=0)
     host, port = server.gpib
     names = [f"PRLGX-TCPIP::{host}::{port}::INTFC", *(f"GPIB0::{address}::INSTR" for address in (5, 6, 7))]
-    command = [sys.executable, str(ROOT / "examples" / "align.py"), *names]
+    command = [sys.executable, str(ROOT / "examples" / example), *names]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout + done.stderr
     losses = [float(loss) for loss in re.findall(r"^CH\d\s.*loss\s+([\d.]+) dB$", done.stdout, re.M)]
     print(done.stdout)
-    assert len(losses) == 8 and max(losses) < 12, losses
+    # 9.03 dB of a splitter into eight, and 0.6 dB excess
+    assert len(losses) == 8 and 9 < min(losses) and max(losses) < most, losses
 
 
 def test_throughput_is_told(lab, request):

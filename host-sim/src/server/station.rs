@@ -11,7 +11,7 @@ use crate::gpib::{Instrument, Wired};
 use crate::machine::Machine;
 use mio::net::{TcpListener, TcpStream};
 use mio::unix::SourceFd;
-use mio::{Interest, Poll, Token};
+use mio::{Interest, Poll, Registry, Token};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use stage_controller::refill::safety::Inputs;
@@ -79,6 +79,7 @@ pub struct Station {
     board: Board,
     links: Links<LINKS>,
     listener: TcpListener,
+    registry: Registry,
     clients: Vec<Client>,
     pty: Option<Terminal>,
     pace: Pace,
@@ -115,6 +116,7 @@ impl Station {
             board,
             links: Links::new(),
             listener,
+            registry: poll.registry().try_clone()?,
             clients: Vec::new(),
             pty,
             pace: Pace::new(options.speed),
@@ -196,10 +198,12 @@ impl Station {
     }
 
     fn accept(&mut self, now_ms: u64) {
-        while let Ok((stream, _)) = self.listener.accept() {
+        while let Ok((mut stream, _)) = self.listener.accept() {
             // without a link number left the socket is closed at once
             if let Some(link) = self.links.open(now_ms) {
                 let _ = stream.set_nodelay(true);
+                // without it the server is only slower to hear
+                let _ = self.registry.register(&mut stream, TOKEN, Interest::READABLE);
                 self.clients.push(Client { link, stream: Stream::new(stream), leaving: false });
             }
         }
