@@ -11,6 +11,7 @@ pub mod control;
 pub mod experiment;
 pub mod flash;
 pub mod gpib;
+pub mod hislip;
 pub mod identify;
 pub mod light;
 pub mod machine;

@@ -10,13 +10,13 @@ from collections import namedtuple
 import pytest
 import pyvisa
 
-from buslinks import ERRORS, ESB, MAV, RQS, BusLink, StreamLink, wait_for_service
+from buslinks import ERRORS, ESB, MAV, RQS, BusLink, HislipLink, StreamLink, wait_for_service
 from conftest import ROOT
 from stagetools import all_errors, as_block, errors, pose
 
 MACHINES = ROOT / "host-sim" / "machines"
 Lab = namedtuple("Lab", "source array meter server")
-LINKS = ["gpib", "tcp", "pty"]
+LINKS = ["gpib", "hislip", "tcp", "pty"]
 
 
 @pytest.fixture
@@ -41,9 +41,14 @@ def lab(request, start, manager):
     """Opens both boards and the meter of a bench, over each link. The meter has no serial port."""
 
     def open_lab(*args, speed="max", timeout=10_000):
-        server = start("--bench", "4", "--gpib", "0", "--speed", speed, *args, boards=3, terminals=2)
+        own = ["--hislip" if request.param == "hislip" else "--gpib", "0"]
+        server = start("--bench", "4", *own, "--speed", speed, *args, boards=3, terminals=2)
         if request.param == "gpib":
             return Lab(*gpib(manager, server, timeout), server)
+        if request.param == "hislip":
+            host, port = server.hislip
+            names = [f"TCPIP::{host}::hislip{place},{port}::INSTR" for place in range(3)]
+            return Lab(*(HislipLink(manager, name, timeout) for name in names), server)
         names = [server.resource(request.param, board) for board in (0, 1)] + [server.resource("tcp", 2)]
         return Lab(*(StreamLink(manager, name, timeout) for name in names), server)
 

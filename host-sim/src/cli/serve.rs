@@ -5,9 +5,9 @@ use super::common::load;
 use crate::bench_twin::{self, Bench, Side, Start};
 use crate::control::Hand;
 use crate::flash::Flash;
-use crate::gpib::Bus;
+use crate::gpib::{Bus, Ports};
 use crate::machine::Machine;
-use crate::server::{BenchStation, Boards, MeterStation, OnBus, Options, Served, Speed, Station, serve};
+use crate::server::{BenchStation, Boards, MeterStation, OnBus, OnHislip, Options, Served, Speed, Station, serve};
 use crate::session::power_up_from;
 use mio::Poll;
 use std::io::{self, IsTerminal, Write};
@@ -37,6 +37,10 @@ pub struct Args {
     /// the power meter of a bench; docs/BUS.md. 0: the system chooses.
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "1234")]
     gpib: Option<u16>,
+    /// TCP port of a HiSLIP server: boards are `hislip0`, `hislip1`, ..., and behind them the power meter of a bench.
+    /// 0: the system chooses.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "4880")]
+    hislip: Option<u16>,
     /// `max`, or a factor of real time.
     #[arg(long, default_value = "1", value_parser = speed)]
     speed: Speed,
@@ -109,20 +113,27 @@ impl Args {
         if let Some(address) = stations.first().and_then(|s| s.address().ok()) {
             println!("\nFrom Python (pip install pyvisa pyvisa-py):\n{}", snippet(address));
         }
-        match self.gpib {
-            None => self.until_interrupted(&mut stations, poll),
-            Some(port) => {
-                let boards = Boards::new(stations).ok_or_else(no_link)?;
-                self.serve_on_bus(boards, port, poll)
-            }
+        if self.gpib.is_none() && self.hislip.is_none() {
+            return self.until_interrupted(&mut stations, poll);
         }
+        self.serve_on_bus(Boards::new(stations).ok_or_else(no_link)?, poll)
     }
 
-    /// Serves on a bus too, behind a gateway.
-    fn serve_on_bus(&self, served: impl Served + Bus, port: u16, poll: Poll) -> Result<(), Failure> {
+    /// Serves behind a gateway too, if one is wanted.
+    fn serve_on_bus(&self, served: impl Served + Bus + Ports, poll: Poll) -> Result<(), Failure> {
+        let Some(port) = self.gpib else { return self.serve_on_hislip(served, poll) };
         let address = SocketAddr::new(self.bind, port);
         let served = OnBus::new(served, address, &poll).map_err(|source| at(address, source))?;
         println!("GPIB gateway\n  GPIB  {}", served.address().map_err(|source| self.net(source))?);
+        self.serve_on_hislip(served, poll)
+    }
+
+    /// Serves HiSLIP clients too, if they are wanted.
+    fn serve_on_hislip(&self, served: impl Served + Ports, poll: Poll) -> Result<(), Failure> {
+        let Some(port) = self.hislip else { return self.until_interrupted(&mut [served], poll) };
+        let address = SocketAddr::new(self.bind, port);
+        let served = OnHislip::new(served, address, &poll).map_err(|source| at(address, source))?;
+        println!("HiSLIP server\n  HiSLIP  {}", served.address().map_err(|source| self.net(source))?);
         self.until_interrupted(&mut [served], poll)
     }
 
@@ -144,13 +155,10 @@ impl Args {
         }
         println!("Power meter\n  TCP  {}", meter.address().map_err(|source| self.net(source))?);
         let mut bench = BenchStation::new(bench, stations, meter, self.speed);
-        match self.gpib {
-            None => self.until_interrupted(&mut [bench], poll),
-            Some(port) => match bench.attach() {
-                true => self.serve_on_bus(bench, port, poll),
-                false => Err(no_link()),
-            },
+        if self.gpib.is_some() && !bench.attach() {
+            return Err(no_link());
         }
+        self.serve_on_bus(bench, poll)
     }
 
     /// A board, counted from 0, that turns the motors of `truth` and knows what `believed` says of it.

@@ -25,6 +25,8 @@ use std::time::Duration;
 pub enum Panel {
     /// The line REN.
     Enable(bool),
+    /// Addressed to listen.
+    Remote,
     /// Go to local (GTL).
     Local,
     /// Local lockout (LLO).
@@ -40,6 +42,12 @@ pub trait Instrument {
     fn read(&mut self, to: &mut [u8]) -> Read;
     /// Nothing is executed and no answer waits.
     fn is_idle(&mut self) -> bool;
+    /// An answer waits, or is being made: what is sent now interrupts it.
+    fn awaits_reader(&mut self) -> bool;
+    /// The link has an answer that its reader has not; until then it waits.
+    fn hold(&mut self, held: bool);
+    /// The status byte with RQS.
+    fn status(&mut self) -> u8;
     /// The status byte with RQS, which this clears.
     fn serial_poll(&mut self) -> u8;
     /// It pulls SRQ.
@@ -60,6 +68,16 @@ pub trait Bus {
     fn instrument(&mut self, address: u8, wall: Duration) -> Option<Box<dyn Instrument + '_>>;
     /// A client of the gateway has gone: what moves only while somebody is there stops.
     fn release(&mut self);
+}
+
+/// Instruments by their places, 0, 1, ..., of which every client has a link of its own.
+pub trait Ports {
+    /// Opens a link as after power-up; its number, none when all are taken or there is no such place.
+    fn open(&mut self, place: usize, wall: Duration) -> Option<usize>;
+    /// Closes a link: its input is dropped, its jogs end.
+    fn close(&mut self, place: usize, port: usize);
+    /// The instrument on a link, `wall` time since the start.
+    fn port(&mut self, place: usize, port: usize, wall: Duration) -> Option<Box<dyn Instrument + '_>>;
 }
 
 /// A device with its exchange; `poll` executes what can be executed.
@@ -97,6 +115,20 @@ impl<D: Device, P: FnMut(&mut D, &mut dyn FnMut(u8)) -> bool> Instrument for Wir
         self.exchange.is_idle(self.device)
     }
 
+    fn awaits_reader(&mut self) -> bool {
+        self.poll();
+        self.exchange.awaits_reader(self.device)
+    }
+
+    fn hold(&mut self, held: bool) {
+        self.exchange.hold(self.device, held);
+    }
+
+    fn status(&mut self) -> u8 {
+        self.poll();
+        self.exchange.status(self.device)
+    }
+
     fn serial_poll(&mut self) -> u8 {
         self.poll();
         self.exchange.serial_poll(self.device)
@@ -121,6 +153,7 @@ impl<D: Device, P: FnMut(&mut D, &mut dyn FnMut(u8)) -> bool> Instrument for Wir
         let control = self.exchange.control();
         match panel {
             Panel::Enable(enabled) => control.enable(enabled),
+            Panel::Remote => control.listens(),
             Panel::Local => control.go_to_local(),
             Panel::LockOut => control.lock_out(),
         }

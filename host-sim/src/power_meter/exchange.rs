@@ -85,7 +85,7 @@ impl Device for Session {
         self.queue.push(Entry::new(error.code(), ""));
     }
 
-    fn status_byte(&self) -> u8 {
-        Session::status_byte(self)
+    fn status_byte(&self, held: bool) -> u8 {
+        self.status_byte_with(held || !self.output.is_empty())
     }
 }

@@ -259,9 +259,13 @@ impl Session {
 
     /// The status byte (IEEE 488.2, 11.2), MSS in bit 6.
     pub fn status_byte(&self) -> u8 {
+        self.status_byte_with(!self.output.is_empty())
+    }
+
+    pub(super) fn status_byte_with(&self, message_available: bool) -> u8 {
         let mut status = 0;
         status |= if self.queue.len() > 0 { STATUS_ERRORS } else { 0 };
-        status |= if self.output.is_empty() { 0 } else { STATUS_MESSAGE };
+        status |= if message_available { STATUS_MESSAGE } else { 0 };
         status |= if self.queue.events & self.event_enable != 0 { STATUS_EVENTS } else { 0 };
         status | if status & self.service_enable != 0 { STATUS_MASTER } else { 0 }
     }

@@ -5,9 +5,12 @@ use super::pace::{Pace, Turn};
 use super::{FIRST_ADDRESS, Served, Speed, Station};
 use crate::bench_twin::Bench;
 use crate::control::Hand;
-use crate::gpib::{Bus, Instrument};
+use crate::gpib::{Bus, Instrument, Ports};
 use crate::rig::Rig;
 use std::time::Duration;
+
+/// Place of the meter, behind the boards.
+const METER: usize = 2;
 
 /// Two boards, input side first, before one bench, and the meter behind it.
 pub struct BenchStation {
@@ -17,22 +20,24 @@ pub struct BenchStation {
     pace: Pace,
     /// A collision has been said.
     told: bool,
-    /// The boards' links on a bus.
-    links: Option<[usize; 2]>,
+    /// The links on the bus.
+    bus: Option<[usize; 3]>,
 }
 
 impl BenchStation {
     /// Puts boards, whose stages are those of the bench, and a meter before it.
     pub fn new(bench: Bench, stations: [Station; 2], meter: MeterStation, speed: Speed) -> Self {
-        BenchStation { stations, meter, rig: Rig::new(bench), pace: Pace::new(speed), told: false, links: None }
+        BenchStation { stations, meter, rig: Rig::new(bench), pace: Pace::new(speed), told: false, bus: None }
     }
 
-    /// Puts boards and meter on a bus. False when a board has no link left.
+    /// Puts boards and meter on a bus. False when one has no link left.
     pub fn attach(&mut self) -> bool {
-        self.meter.attach();
-        let [input, output] = self.stations.each_mut().map(Station::attach);
-        self.links = input.zip(output).map(|(input, output)| [input, output]);
-        self.links.is_some()
+        let ports = [0, 1, METER].map(|place| self.open(place, Duration::ZERO));
+        self.bus = match ports {
+            [Some(input), Some(output), Some(meter)] => Some([input, output, meter]),
+            _ => None,
+        };
+        self.bus.is_some()
     }
 
     /// One segment of virtual time for all.
@@ -57,19 +62,39 @@ impl Bus for BenchStation {
         (FIRST_ADDRESS..=FIRST_ADDRESS + 2).collect()
     }
 
-    /// The boards, input side first, and the meter behind them.
     fn instrument(&mut self, address: u8, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
         let place = usize::from(address.checked_sub(FIRST_ADDRESS)?);
+        self.port(place, *self.bus?.get(place)?, wall)
+    }
+
+    fn release(&mut self) {
+        for (station, link) in self.stations.iter_mut().zip(self.bus.iter().flatten()) {
+            station.release(*link);
+        }
+    }
+}
+
+/// The boards, input side first, and the meter behind them.
+impl Ports for BenchStation {
+    fn open(&mut self, place: usize, wall: Duration) -> Option<usize> {
         match self.stations.get_mut(place) {
-            Some(station) => station.instrument(self.links?[place], wall.as_millis() as u64),
-            None if place == 2 => self.meter.instrument(&mut self.rig),
+            Some(station) => station.attach(wall.as_millis() as u64),
+            None if place == METER => self.meter.attach(),
             None => None,
         }
     }
 
-    fn release(&mut self) {
-        for (station, link) in self.stations.iter_mut().zip(self.links.iter().flatten()) {
-            station.release(*link);
+    fn close(&mut self, place: usize, port: usize) {
+        match self.stations.get_mut(place) {
+            Some(station) => station.detach(port),
+            None => self.meter.detach(port),
+        }
+    }
+
+    fn port(&mut self, place: usize, port: usize, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
+        match self.stations.get_mut(place) {
+            Some(station) => station.instrument(port, wall.as_millis() as u64),
+            None => self.meter.instrument(port, &mut self.rig),
         }
     }
 }

@@ -1,15 +1,15 @@
 //! What is served, on a bus with its gateway.
 
 use super::link::{State, Stream};
+use super::socket::Socket;
 use super::station::TOKEN;
 use super::{Served, Station};
 use crate::control::Hand;
-use crate::gpib::{Bus, Gateway, Instrument, Panel};
-use mio::net::{TcpListener, TcpStream};
+use crate::gpib::{Bus, Gateway, Instrument, Panel, Ports};
+use mio::net::TcpListener;
 use mio::{Interest, Poll, Registry};
 use std::io;
 use std::net::SocketAddr;
-use std::os::fd::AsFd;
 use std::time::Duration;
 
 /// Address of the first board; the next ones follow, and the meter of a bench.
@@ -25,7 +25,7 @@ pub struct Boards {
 impl Boards {
     /// Puts boards on a bus; none when one has no link left.
     pub fn new(stations: Vec<Station>) -> Option<Self> {
-        let attach = |mut station: Station| station.attach().map(|link| (station, link));
+        let attach = |mut station: Station| station.attach(0).map(|link| (station, link));
         stations.into_iter().map(attach).collect::<Option<_>>().map(|stations| Boards { stations })
     }
 }
@@ -42,6 +42,22 @@ impl Bus for Boards {
 
     fn release(&mut self) {
         self.stations.iter_mut().for_each(|(station, link)| station.release(*link));
+    }
+}
+
+impl Ports for Boards {
+    fn open(&mut self, place: usize, wall: Duration) -> Option<usize> {
+        self.stations.get_mut(place)?.0.attach(wall.as_millis() as u64)
+    }
+
+    fn close(&mut self, place: usize, port: usize) {
+        if let Some((station, _)) = self.stations.get_mut(place) {
+            station.detach(port);
+        }
+    }
+
+    fn port(&mut self, place: usize, port: usize, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
+        self.stations.get_mut(place)?.0.instrument(port, wall.as_millis() as u64)
     }
 }
 
@@ -66,9 +82,7 @@ impl Served for Boards {
 }
 
 struct Client {
-    stream: Stream<TcpStream>,
-    /// The same socket, where the system lets us say that it acknowledges at once.
-    socket: Option<std::net::TcpStream>,
+    stream: Stream<Socket>,
     gateway: Gateway,
     /// It sends no more.
     leaving: bool,
@@ -127,17 +141,13 @@ impl<S: Served + Bus> OnBus<S> {
     }
 
     fn accept(&mut self, wall: Duration) {
-        while let Ok((mut stream, _)) = self.listener.accept() {
+        while let Ok((stream, _)) = self.listener.accept() {
             if self.clients.len() < CLIENTS {
-                let _ = stream.set_nodelay(true);
-                // without it the server is only slower to hear
-                let _ = self.registry.register(&mut stream, TOKEN, Interest::READABLE);
+                let stream = Stream::new(Socket::accepted(stream, &self.registry));
                 if self.clients.is_empty() {
                     self.enable(true, wall);
                 }
-                let socket = stream.as_fd().try_clone_to_owned().ok().map(std::net::TcpStream::from);
-                let (stream, gateway) = (Stream::new(stream), Gateway::new(FIRST_ADDRESS));
-                self.clients.push(Client { stream, socket, gateway, leaving: false });
+                self.clients.push(Client { stream, gateway: Gateway::new(FIRST_ADDRESS), leaving: false });
             }
         }
     }
@@ -158,7 +168,6 @@ impl<S: Served + Bus> OnBus<S> {
         let before = clients.len();
         clients.retain_mut(|client| {
             let read = client.stream.fill();
-            acknowledge(client.socket.as_ref());
             client.leaving |= read == State::Ended;
             let state = client.exchange(served, wall);
             let gone = read == State::Gone || state == State::Gone || client.is_done(wall);
@@ -174,16 +183,18 @@ impl<S: Served + Bus> OnBus<S> {
     }
 }
 
-/// Clients send a line, then `++read`, and most of them hold the second back until the first is acknowledged (Nagle's
-/// algorithm): without an answer to it the system would wait with that for 40 ms. It forgets after a while.
-fn acknowledge(socket: Option<&std::net::TcpStream>) {
-    #[cfg(target_os = "linux")]
-    if let Some(socket) = socket {
-        // without it the gateway is only slower
-        let _ = std::os::linux::net::TcpStreamExt::set_quickack(socket, true);
+impl<S: Ports> Ports for OnBus<S> {
+    fn open(&mut self, place: usize, wall: Duration) -> Option<usize> {
+        self.served.open(place, wall)
     }
-    #[cfg(not(target_os = "linux"))]
-    let _ = socket;
+
+    fn close(&mut self, place: usize, port: usize) {
+        self.served.close(place, port);
+    }
+
+    fn port(&mut self, place: usize, port: usize, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
+        self.served.port(place, port, wall)
+    }
 }
 
 impl<S: Served + Bus> Served for OnBus<S> {

@@ -1,11 +1,12 @@
 //! The power meter of a bench with its links.
 
 use super::link::{State, Stream};
+use super::socket::Socket;
 use super::station::TOKEN;
 use crate::gpib::{Instrument, Wired};
 use crate::power_meter::Session;
 use crate::rig::Rig;
-use mio::net::{TcpListener, TcpStream};
+use mio::net::TcpListener;
 use mio::{Interest, Poll, Registry};
 use stage_controller::scpi::exchange::Exchange;
 use std::io;
@@ -15,7 +16,7 @@ use std::net::SocketAddr;
 const LINKS: usize = 9;
 
 struct Client {
-    stream: Stream<TcpStream>,
+    stream: Stream<Socket>,
     session: Session,
     /// It sends no more.
     leaving: bool,
@@ -45,8 +46,8 @@ pub struct MeterStation {
     listener: TcpListener,
     registry: Registry,
     clients: Vec<Client>,
-    /// The link that is a bus.
-    bus: Option<(Session, Exchange)>,
+    /// Links that are a bus.
+    buses: [Option<(Session, Exchange)>; LINKS],
 }
 
 impl MeterStation {
@@ -57,26 +58,38 @@ impl MeterStation {
     pub fn new(address: SocketAddr, poll: &Poll) -> io::Result<Self> {
         let mut listener = TcpListener::bind(address)?;
         poll.registry().register(&mut listener, TOKEN, Interest::READABLE)?;
-        Ok(MeterStation { listener, registry: poll.registry().try_clone()?, clients: Vec::new(), bus: None })
+        Ok(MeterStation {
+            listener,
+            registry: poll.registry().try_clone()?,
+            clients: Vec::new(),
+            buses: std::array::from_fn(|_| None),
+        })
     }
 
-    /// Puts the meter on a bus: a link that stays open.
-    pub fn attach(&mut self) {
-        self.bus = Some((Session::new(), Exchange::new()));
+    /// Opens a link that is a bus. None when all are taken.
+    pub(super) fn attach(&mut self) -> Option<usize> {
+        let port = self.buses.iter().position(Option::is_none)?;
+        self.buses[port] = Some((Session::new(), Exchange::new()));
+        Some(port)
     }
 
-    /// The meter as an instrument on its bus.
-    pub(super) fn instrument<'a>(&'a mut self, rig: &'a mut Rig) -> Option<Box<dyn Instrument + 'a>> {
+    /// Closes a link that is a bus.
+    pub(super) fn detach(&mut self, port: usize) {
+        self.buses[port] = None;
+    }
+
+    /// The meter as an instrument on a link that is a bus.
+    pub(super) fn instrument<'a>(&'a mut self, port: usize, rig: &'a mut Rig) -> Option<Box<dyn Instrument + 'a>> {
         let tick = rig.tick();
-        let (device, exchange) = self.bus.as_mut()?;
+        let (device, exchange) = self.buses.get_mut(port)?.as_mut()?;
         let poll =
             move |session: &mut Session, see: &mut dyn FnMut(u8)| session.poll_message(&mut rig.bench, tick, see);
         Some(Box::new(Wired { exchange, device, poll }))
     }
 
-    fn poll_bus(&mut self, rig: &mut Rig) {
+    fn poll_buses(&mut self, rig: &mut Rig) {
         let tick = rig.tick();
-        if let Some((session, exchange)) = &mut self.bus {
+        for (session, exchange) in self.buses.iter_mut().flatten() {
             exchange.poll(session, |session, see| session.poll_message(&mut rig.bench, tick, see));
         }
     }
@@ -91,12 +104,9 @@ impl MeterStation {
 
     /// Takes what the links have sent, executes it and answers; true while something waits.
     pub(super) fn hear(&mut self, rig: &mut Rig) -> bool {
-        while let Ok((mut stream, _)) = self.listener.accept() {
+        while let Ok((stream, _)) = self.listener.accept() {
             if self.clients.len() < LINKS {
-                let _ = stream.set_nodelay(true);
-                // without it the server is only slower to hear
-                let _ = self.registry.register(&mut stream, TOKEN, Interest::READABLE);
-                let stream = Stream::new(stream);
+                let stream = Stream::new(Socket::accepted(stream, &self.registry));
                 self.clients.push(Client { stream, session: Session::new(), leaving: false });
             }
         }
@@ -109,7 +119,7 @@ impl MeterStation {
             let state = client.exchange(rig);
             state == State::Open && !client.is_done()
         });
-        self.poll_bus(rig);
+        self.poll_buses(rig);
         self.wants_time() || self.clients.iter().any(|client| client.stream.has_input())
     }
 
@@ -122,12 +132,14 @@ impl MeterStation {
                 client.session.poll(&mut rig.bench, tick);
             }
         }
-        if let Some((session, exchange)) = &mut self.bus {
+        let mut waits = false;
+        for (session, exchange) in self.buses.iter_mut().flatten() {
             session.see(&rig.bench, tick);
-            exchange.see(session.status_byte());
-            if session.wants_time() {
-                self.poll_bus(rig);
-            }
+            exchange.observe(session);
+            waits |= session.wants_time();
+        }
+        if waits {
+            self.poll_buses(rig);
         }
     }
 
@@ -136,7 +148,7 @@ impl MeterStation {
         self.clients
             .iter()
             .map(|client| &client.session)
-            .chain(self.bus.iter().map(|(session, _)| session))
+            .chain(self.buses.iter().flatten().map(|(session, _)| session))
             .any(Session::wants_time)
     }
 }

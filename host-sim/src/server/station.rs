@@ -4,12 +4,13 @@ use super::Served;
 use super::link::{State, Stream};
 use super::pace::{Pace, Speed, Turn};
 use super::pty::Pty;
+use super::socket::Socket;
 use crate::board::{Board, Interleaving};
 use crate::control::Hand;
 use crate::flash::Flash;
 use crate::gpib::{Instrument, Wired};
 use crate::machine::Machine;
-use mio::net::{TcpListener, TcpStream};
+use mio::net::TcpListener;
 use mio::unix::SourceFd;
 use mio::{Interest, Poll, Registry, Token};
 use stage_controller::controller::front::Front;
@@ -25,8 +26,8 @@ use std::net::SocketAddr;
 use std::os::fd::{AsFd, AsRawFd};
 use std::time::Duration;
 
-/// Links of a board: sockets, the serial port, and the bus.
-const LINKS: usize = 10;
+/// Links of a board: sockets, the serial port, the bus, and clients of HiSLIP.
+const LINKS: usize = 18;
 /// Rounds of one turn for a client that leaves.
 const LAST_ROUNDS: usize = 64;
 /// Of everything that wakes the server: it looks at all links then.
@@ -47,7 +48,7 @@ pub struct Options {
 
 struct Client {
     link: usize,
-    stream: Stream<TcpStream>,
+    stream: Stream<Socket>,
     /// It sends no more.
     leaving: bool,
 }
@@ -125,14 +126,20 @@ impl Station {
         })
     }
 
-    /// Puts the board on a bus: a link that stays open. None when all links are taken.
-    pub fn attach(&mut self) -> Option<usize> {
-        let link = self.links.open(0)?;
+    /// Opens a link that is a bus. None when all links are taken.
+    pub(super) fn attach(&mut self, now_ms: u64) -> Option<usize> {
+        let link = self.links.open(now_ms)?;
         self.buses.push((link, Exchange::new()));
         Some(link)
     }
 
-    /// The board as an instrument on its bus.
+    /// Closes a link that is a bus.
+    pub(super) fn detach(&mut self, link: usize) {
+        self.buses.retain(|(n, _)| *n != link);
+        self.links.close(link, &mut self.board.front);
+    }
+
+    /// The board as an instrument on a link that is a bus.
     pub(super) fn instrument(&mut self, link: usize, now_ms: u64) -> Option<Box<dyn Instrument + '_>> {
         self.links.heard(link, now_ms);
         let Station { board, links, buses, .. } = self;
@@ -198,13 +205,11 @@ impl Station {
     }
 
     fn accept(&mut self, now_ms: u64) {
-        while let Ok((mut stream, _)) = self.listener.accept() {
+        while let Ok((stream, _)) = self.listener.accept() {
             // without a link number left the socket is closed at once
             if let Some(link) = self.links.open(now_ms) {
-                let _ = stream.set_nodelay(true);
-                // without it the server is only slower to hear
-                let _ = self.registry.register(&mut stream, TOKEN, Interest::READABLE);
-                self.clients.push(Client { link, stream: Stream::new(stream), leaving: false });
+                let stream = Stream::new(Socket::accepted(stream, &self.registry));
+                self.clients.push(Client { link, stream, leaving: false });
             }
         }
     }
@@ -309,7 +314,7 @@ impl Station {
             self.links.observe(&self.board.front);
             for (link, exchange) in &mut self.buses {
                 if let Some(session) = self.links.session(*link) {
-                    exchange.see(session.status_byte());
+                    exchange.observe(session);
                 }
             }
         }

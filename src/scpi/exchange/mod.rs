@@ -65,8 +65,8 @@ pub trait Device {
     fn trigger(&mut self) -> bool;
     /// Queues an error.
     fn report(&mut self, error: ErrorNumber);
-    /// The status byte, with MSS in bit 6.
-    fn status_byte(&self) -> u8;
+    /// The status byte, with MSS in bit 6; `held`: the link has bytes of an answer that its reader has not.
+    fn status_byte(&self, held: bool) -> u8;
 }
 
 /// What a read has brought.
@@ -85,6 +85,8 @@ pub enum Read {
 pub struct Exchange {
     /// END is still to be told.
     ending: bool,
+    /// The link has taken an answer that its reader has not: it waits, as if it were still in the device.
+    held: bool,
     /// MSS as last seen.
     summary: bool,
     /// RQS: MSS has risen since the last serial poll.
@@ -95,7 +97,7 @@ pub struct Exchange {
 impl Exchange {
     /// As after power-up.
     pub const fn new() -> Self {
-        Exchange { ending: false, summary: false, requests: false, control: RemoteLocal::new() }
+        Exchange { ending: false, held: false, summary: false, requests: false, control: RemoteLocal::new() }
     }
 
     /// The controller sends bytes, `end`: with END on the last. Says how many are taken; the others are to be offered
@@ -112,7 +114,7 @@ impl Exchange {
             self.ending = true;
             self.tell_end(device);
         }
-        self.see(device.status_byte());
+        self.see(device.status_byte(self.held));
         taken
     }
 
@@ -131,7 +133,7 @@ impl Exchange {
             device.report(ErrorNumber::QueryUnterminated);
             Read::NothingAsked
         };
-        self.see(device.status_byte());
+        self.see(device.status_byte(self.held));
         read
     }
 
@@ -144,8 +146,12 @@ impl Exchange {
     ) -> bool {
         let mut progress = false;
         loop {
-            progress |= execute(device, &mut |status| self.see(status));
-            self.see(device.status_byte());
+            progress |= execute(device, &mut |status| {
+                if !self.held {
+                    self.see(status);
+                }
+            });
+            self.see(device.status_byte(self.held));
             let ended = self.ending && self.tell_end(device);
             if device.has_more() && self.interrupt(device) || ended {
                 continue;
@@ -154,10 +160,22 @@ impl Exchange {
         }
     }
 
+    /// An answer waits, or is being made: what is sent now interrupts it.
+    pub fn awaits_reader(&self, device: &impl Device) -> bool {
+        self.held || device.has_answer() || device.asks()
+    }
+
+    /// For links that take answers ahead of their reader: `held` until the last byte has been read.
+    pub fn hold(&mut self, device: &impl Device, held: bool) {
+        self.held = held;
+        self.see(device.status_byte(self.held));
+    }
+
     /// Something was sent while an answer waited: -410.
     fn interrupt(&mut self, device: &mut impl Device) -> bool {
-        let waits = device.has_answer() || device.asks();
+        let waits = self.awaits_reader(device);
         if waits {
+            self.held = false;
             device.drop_answer();
             device.report(ErrorNumber::QueryInterrupted);
         }
@@ -172,8 +190,13 @@ impl Exchange {
         !self.ending
     }
 
+    /// Something has changed at the device between two polls.
+    pub fn observe(&mut self, device: &impl Device) {
+        self.see(device.status_byte(self.held));
+    }
+
     /// The status byte at some time: a service request is an edge of its summary.
-    pub fn see(&mut self, status: u8) {
+    fn see(&mut self, status: u8) {
         let summary = status & stb::MASTER_SUMMARY != 0;
         self.requests = summary && (self.requests || !self.summary);
         self.summary = summary;
@@ -184,12 +207,18 @@ impl Exchange {
         self.requests
     }
 
+    /// The status byte with RQS in bit 6.
+    pub fn status(&mut self, device: &impl Device) -> u8 {
+        let status = device.status_byte(self.held);
+        self.see(status);
+        status & !stb::MASTER_SUMMARY | if self.requests { stb::MASTER_SUMMARY } else { 0 }
+    }
+
     /// The status byte with RQS in bit 6, which this clears.
     pub fn serial_poll(&mut self, device: &impl Device) -> u8 {
-        let status = device.status_byte();
-        self.see(status);
-        let request = if core::mem::take(&mut self.requests) { stb::MASTER_SUMMARY } else { 0 };
-        status & !stb::MASTER_SUMMARY | request
+        let status = self.status(device);
+        self.requests = false;
+        status
     }
 
     /// Nothing is executed and no answer waits: a read would be an error.
@@ -199,9 +228,9 @@ impl Exchange {
 
     /// Device clear (DCL, SDC).
     pub fn clear(&mut self, device: &mut impl Device) {
-        self.ending = false;
+        (self.ending, self.held) = (false, false);
         device.clear();
-        self.see(device.status_byte());
+        self.see(device.status_byte(self.held));
     }
 
     /// Group execute trigger. False: to be said again after the next poll.
@@ -218,7 +247,7 @@ impl Exchange {
             self.interrupt(device);
             device.trigger()
         };
-        self.see(device.status_byte());
+        self.see(device.status_byte(self.held));
         done
     }
 

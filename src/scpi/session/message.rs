@@ -115,7 +115,7 @@ impl Device for Session {
         Session::report(self, Error::from(error));
     }
 
-    fn status_byte(&self) -> u8 {
-        Session::status_byte(self)
+    fn status_byte(&self, held: bool) -> u8 {
+        self.status.status_byte(held || self.has_output())
     }
 }
