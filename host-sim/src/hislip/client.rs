@@ -58,8 +58,7 @@ pub struct Client {
     told: bool,
     /// Most bytes of a message that it takes, header included.
     takes: u64,
-    /// To be sent on the synchronous and on the asynchronous connection.
-    pub(crate) output: [Vec<u8>; 2],
+    output: [Vec<u8>; 2],
 }
 
 impl Client {
@@ -76,6 +75,11 @@ impl Client {
             takes: PAYLOAD_MOST + HEADER,
             output: Default::default(),
         }
+    }
+
+    /// To be sent on the synchronous and on the asynchronous connection; what is sent is taken out.
+    pub fn output(&mut self) -> &mut [Vec<u8>; 2] {
+        &mut self.output
     }
 
     fn say(&mut self, kind: Kind, control: u8, parameter: u32) {
@@ -98,6 +102,10 @@ impl Client {
 
     /// A message on the synchronous connection.
     pub fn hear(&mut self, frame: Frame, instrument: &mut dyn Instrument) {
+        let data = matches!(frame.kind, Some(Kind::Data | Kind::DataEnd | Kind::Trigger));
+        if data && frame.control & DELIVERED != 0 && !self.clearing {
+            instrument.hold(false);
+        }
         let Some(payload) = frame.payload else { return self.complain(0, error::TOO_LARGE, "Message too large") };
         match frame.kind {
             Some(Kind::DeviceClearComplete) => {
@@ -108,9 +116,6 @@ impl Client {
             }
             _ if self.clearing => {}
             Some(kind @ (Kind::Data | Kind::DataEnd | Kind::Trigger)) => {
-                if frame.control & DELIVERED != 0 {
-                    instrument.hold(false);
-                }
                 let interrupts = !self.overlap && instrument.awaits_reader();
                 self.message = frame.parameter;
                 self.doing = match kind {

@@ -248,7 +248,7 @@ impl Session {
             }
         }
         client.turn(&mut *instrument, locks, wall);
-        let [answers, asides] = &mut client.output;
+        let [answers, asides] = client.output();
         open & synchronous.send(answers) & asynchronous.send(asides)
     }
 }
