@@ -252,7 +252,7 @@ fn triggers_begin_what_waits_for_them_on_several_instruments_at_once() {
     let mut client = Client::new();
     let arm = "TRIG:SOUR BUS;:TRAC:CONF SAMP,1;:TRAC:ARM\n";
     client.send(format!("{arm}++addr 6\n{arm}"));
-    let waits = |client: &mut Client| u16::from_str_radix(client.ask("STAT:OPER:COND?").trim(), 10).unwrap() & 32;
+    let waits = |client: &mut Client| client.ask("STAT:OPER:COND?").trim().parse::<u16>().unwrap() & 32;
     assert_eq!((client.errors(), waits(&mut client)), (vec![], 32));
     client.send("++trg 5 6 7\n");
     client.bus.pass(20);
