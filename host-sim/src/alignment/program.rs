@@ -50,7 +50,7 @@ impl Default for Options {
             gap_um: 12.5,
             angle_deg: 0.35,
             detector: false,
-            setup: ["SENS1:INP LOG,20,-60", "SENS2:INP LOG,20,-60", "SENS1:DEL 0.000036", "SENS2:DEL 0.000036"]
+            setup: ["SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US", "SENS2:INP LOG,20,-60;RANG 2.9;DEL 36 US"]
                 .map(String::from)
                 .to_vec(),
         }
