@@ -8,9 +8,9 @@ use host_sim::bench_twin::{self, Sees, Side, Start};
 use rayon::prelude::*;
 use trouble::{Haunted, noisy};
 
-/// Benches of a case: fewer where nothing is optimised.
+/// Benches of a case: one while debugging.
 fn seeds(many: u64) -> Vec<u64> {
-    let count = if cfg!(debug_assertions) { 2 } else { many };
+    let count = if cfg!(debug_assertions) { 1 } else { many };
     println!("figure: {count} of {many} benches");
     (1..=count).collect()
 }
@@ -44,7 +44,7 @@ fn stands_safely(bench: &mut Haunted, ended: &Ended) {
     }
 }
 
-/// Where the stages were drawn back to, um.
+/// Z of both stages, um.
 fn z_um(ended: &Ended) -> [f64; 2] {
     ended.stands.map(|stand| match stand {
         Stand::Rests(pose) | Stand::DrawnBack(pose) => pose[2],
@@ -52,8 +52,9 @@ fn z_um(ended: &Ended) -> [f64; 2] {
     })
 }
 
+/// Both are as far from the chip as where they were drawn back, or farther.
 fn drawn_back(ended: &Ended) {
-    assert!(z_um(ended).iter().all(|z| (z + 60.0).abs() < 0.1), "{ended}");
+    assert!(z_um(ended).iter().all(|z| *z < -59.9), "{ended}");
 }
 
 /// Nothing is left of the trouble: the same program, begun anew where the stages stand, comes to the end.
@@ -94,7 +95,7 @@ fn light_that_goes_out_on_the_way_leaves_no_stage_near_the_chip() {
             let ended = ended(&mut bench, &Options::default());
             assert!(matches!(ended.trouble, Trouble::Dark { .. } | Trouble::Unsteady { .. }), "{ended}");
             assert!(ended.seconds < seconds + 2.0, "{ended}");
-            assert!(z_um(&ended).iter().all(|z| *z < -59.9), "{ended}");
+            drawn_back(&ended);
             stands_safely(&mut bench, &ended);
         }
     });
@@ -235,10 +236,10 @@ fn a_scan_beyond_a_limit_is_refused_and_nothing_has_moved() {
 fn a_limit_switch_that_trips_in_a_scan_stops_the_stage_there() {
     seeds(4).into_par_iter().for_each(|seed| {
         let mut options = Options::default();
-        options.setup.push("AXIS1:LIM:SOFT:STAT OFF;:AXIS1:LIM:HARD:STAT ON".into());
+        options.setup.push("AXIS1:LIM:HARD:STAT ON".into());
         let mut short = bench();
-        // its switch lies within the way of the first line
-        short.drawing.drives[0].travel = [-9_000.0, 9_000.0];
+        // a switch that was put within the travel, and within the way of the first line
+        short.drawing.drives[0].switches = [-9_000.0, 9_000.0];
         let mut bench = Haunted::new(seed, &short);
         let ended = ended(&mut bench, &options);
         let Trouble::Bus(BusError::Refused { error, side, .. }) = &ended.trouble else { panic!("{ended}") };

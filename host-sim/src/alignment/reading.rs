@@ -1,7 +1,7 @@
 //! The light at rest, read so that a bad reading is not taken for a good one.
 //!
 //! Every level is read twice. Both agree within what the meter's noise explains, or they are read again until a burst has
-//! passed or the patience is over.
+//! passed, which several pairs in succession tell and not one by chance, or until the patience is over.
 
 use super::bus::Bus;
 use super::program::Program;
@@ -16,6 +16,8 @@ pub(super) const CALM_AVERAGE: usize = 32;
 const STEADY_DB: f64 = 0.02;
 /// Standard deviations of the dark noise that two means may differ by.
 const DEVIATIONS: f64 = 6.0;
+/// Pairs in succession that agree when a burst has passed.
+const CALM_AGAIN: usize = 5;
 /// How long an unsteady light is waited for, s.
 const PATIENCE_S: f64 = 1.0;
 /// What a controller answers for a saturated input (SCPI-99, 7.2.1.4: infinity), and above any level.
@@ -34,6 +36,7 @@ impl<B: Bus> Program<'_, B> {
         let dark_dbm = self.options.dark_dbm;
         let level = |level: f64| if level >= SATURATED { f64::INFINITY } else { level.max(dark_dbm) };
         let until = self.bus.seconds() + PATIENCE_S;
+        let mut wanted = 1;
         loop {
             let mut controller = self.at(Side::Output);
             controller.pause(CALM_S)?;
@@ -44,8 +47,13 @@ impl<B: Bus> Program<'_, B> {
                     || (first - second).abs() <= steady_db(0.5 * (first + second), dark_dbm)
             };
             let Some(input) = (0..2).find(|input| !steady(pairs[*input])) else {
-                return Ok(pairs.map(|[first, second]| 0.5 * (first + second)));
+                wanted -= 1;
+                if wanted == 0 {
+                    return Ok(pairs.map(|[first, second]| 0.5 * (first + second)));
+                }
+                continue;
             };
+            wanted = CALM_AGAIN;
             if self.bus.seconds() >= until {
                 let (from, pair_dbm) = (self.sees[input], pairs[input]);
                 return Err(Trouble::Unsteady { from, input, pair_dbm, seconds: PATIENCE_S });
