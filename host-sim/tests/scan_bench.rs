@@ -175,7 +175,7 @@ fn noise_without_an_end_is_told_by_the_uncertainty_or_by_an_error() {
             let off = result[3] - calm[3];
             println!("figure: {seed}: noise of {noise_db} dB: {off:.4} um off, told as {:.4}, {errors:?}", result[4]);
             match errors.as_slice() {
-                [] => assert!(status & PEAK != 0 && result[4] > 5.0 * calm[4] && off.abs() < 5.0 * result[4]),
+                [] => assert!(status & PEAK != 0 && result[4] > 3.0 * calm[4] && off.abs() < 5.0 * result[4]),
                 [error] => assert!(status & PEAK == 0 && error.starts_with("113,") && noise_db > 0.5, "{error}"),
                 more => panic!("{more:?}"),
             }
@@ -240,7 +240,7 @@ fn a_limit_switch_in_the_way_stops_all_motors_at_its_step() {
         assert!(errors.len() == 1 && errors[0].starts_with("102,"), "{errors:?}");
         assert_eq!(status & (ENDED | PEAK | ERROR), ERROR);
         let x_um = bench.at_side(Side::Input).pose().unwrap()[0];
-        // within 20 us: no step later than one
+        // the switch is 7 um from where its motor began; within 20 us there is no further step
         assert!((6.9..7.3).contains(&x_um.abs()), "{x_um}");
         assert_eq!(bench.at_side(Side::Input).ask("SCAN:STAT?").unwrap(), "IDLE,0");
         bench.is_well();
