@@ -5,8 +5,7 @@ mod trouble;
 
 use host_sim::alignment::{Alignment, BusError, Ended, Lab, Options, Stand, Trouble, align};
 use host_sim::bench_twin::{self, Sees, Side, Start};
-use rayon::prelude::*;
-use trouble::{Haunted, noisy};
+use trouble::{Haunted, noisy, on_each};
 
 /// Benches of a case: one while debugging.
 fn seeds(many: u64) -> Vec<u64> {
@@ -68,7 +67,7 @@ fn works_again(bench: &mut Haunted, options: &Options) {
 
 #[test]
 fn without_any_light_both_stages_are_where_they_began() {
-    seeds(8).into_par_iter().for_each(|seed| {
+    on_each(seeds(8), |seed| {
         for (start, options) in [(Start::CAMERAS, Options::default()), (Start::COARSE, Options::with_detector())] {
             let mut bench = Haunted::new(seed, &bench_twin::Options { start, ..bench() });
             bench.lab.bench_mut().laser(None);
@@ -88,7 +87,7 @@ fn without_any_light_both_stages_are_where_they_began() {
 
 #[test]
 fn light_that_goes_out_on_the_way_leaves_no_stage_near_the_chip() {
-    seeds(6).into_par_iter().for_each(|seed| {
+    on_each(seeds(6), |seed| {
         // between the first peaks and the last ones: turning, measuring the gap, at the chip
         for seconds in [5.6, 7.0, 9.5, 10.9, 11.9, 12.6, 13.4, 14.2] {
             let mut bench = Haunted::new(seed, &bench()).at(seconds, |lab| lab.bench_mut().laser(None));
@@ -103,7 +102,7 @@ fn light_that_goes_out_on_the_way_leaves_no_stage_near_the_chip() {
 
 #[test]
 fn a_dead_channel_is_named_before_anything_approaches_the_chip() {
-    seeds(4).into_par_iter().for_each(|seed| {
+    on_each(seeds(4), |seed| {
         for fibre in 0..8 {
             let mut bench = Haunted::new(seed, &bench());
             bench.lab.bench_mut().break_fibre(fibre, true);
@@ -122,7 +121,7 @@ fn a_dead_channel_is_named_before_anything_approaches_the_chip() {
 
 #[test]
 fn a_saturated_meter_is_told_and_never_taken_for_a_peak() {
-    seeds(6).into_par_iter().for_each(|seed| {
+    on_each(seeds(6), |seed| {
         // too much at once, after drawing back, and only at the last gap
         for dbm in [30.0, 20.0, 16.0, 14.0, 12.8] {
             let mut bench = Haunted::new(seed, &bench());
@@ -143,19 +142,16 @@ fn a_saturated_meter_is_told_and_never_taken_for_a_peak() {
 
 #[test]
 fn bursts_of_noise_are_waited_out() {
-    let excess: Vec<f64> = seeds(20)
-        .into_par_iter()
-        .map(|seed| {
-            let mut bench = Haunted::new(seed, &bench());
-            for n in 0..20 {
-                bench = bench.at(0.5 + 1.1 * f64::from(n), |lab| noisy(lab, 0.3, 2.0));
-            }
-            let best = bench.lab.bench().optimum().worst_db;
-            run(&mut bench, &Options::default()).expect("bursts pass");
-            bench.is_well();
-            bench.lab.losses().into_iter().fold(f64::NEG_INFINITY, f64::max) - best
-        })
-        .collect();
+    let excess: Vec<f64> = on_each(seeds(20), |seed| {
+        let mut bench = Haunted::new(seed, &bench());
+        for n in 0..20 {
+            bench = bench.at(0.5 + 1.1 * f64::from(n), |lab| noisy(lab, 0.3, 2.0));
+        }
+        let best = bench.lab.bench().optimum().worst_db;
+        run(&mut bench, &Options::default()).expect("bursts pass");
+        bench.is_well();
+        bench.lab.losses().into_iter().fold(f64::NEG_INFINITY, f64::max) - best
+    });
     let most = excess.iter().copied().fold(0.0, f64::max);
     println!("figure: bursts of 0.3 s: at most {most:.3} dB above the best");
     assert!(most < 0.2, "{excess:?}");
@@ -163,7 +159,7 @@ fn bursts_of_noise_are_waited_out() {
 
 #[test]
 fn a_light_that_stays_noisy_ends_the_alignment() {
-    seeds(6).into_par_iter().for_each(|seed| {
+    on_each(seeds(6), |seed| {
         for (seconds, noise_db) in [(0.0, 1.0), (5.5, 0.5), (8.0, 2.0), (13.2, 1.0)] {
             let mut bench = Haunted::new(seed, &bench()).at(seconds, move |lab| noisy(lab, 1e3, noise_db));
             let ended = ended(&mut bench, &Options::default());
@@ -178,7 +174,7 @@ fn a_light_that_stays_noisy_ends_the_alignment() {
 
 #[test]
 fn a_link_lost_in_a_scan_leaves_that_stage_to_its_controller_and_the_other_at_rest() {
-    seeds(4).into_par_iter().for_each(|seed| {
+    on_each(seeds(4), |seed| {
         for side in Side::BOTH {
             let mut bench = Haunted::new(seed, &bench()).when(move |lab: &mut Lab| {
                 let scanning = lab.board(side).front.is_scanning();
@@ -202,7 +198,7 @@ fn a_link_lost_in_a_scan_leaves_that_stage_to_its_controller_and_the_other_at_re
 
 #[test]
 fn a_link_lost_at_the_chip_still_lets_the_other_side_draw_back() {
-    seeds(4).into_par_iter().for_each(|seed| {
+    on_each(seeds(4), |seed| {
         for side in Side::BOTH {
             let mut bench = Haunted::new(seed, &bench()).at(13.0, move |lab| lab.cut(side));
             let ended = ended(&mut bench, &Options::default());
@@ -217,7 +213,7 @@ fn a_link_lost_at_the_chip_still_lets_the_other_side_draw_back() {
 
 #[test]
 fn a_scan_beyond_a_limit_is_refused_and_nothing_has_moved() {
-    seeds(4).into_par_iter().for_each(|seed| {
+    on_each(seeds(4), |seed| {
         let mut options = Options::default();
         options.setup.push("AXIS1:LIM:SOFT:UPP 5;LOW -5;:AXIS2:LIM:SOFT:UPP 5;LOW -5".into());
         let mut bench = Haunted::new(seed, &bench());
@@ -234,7 +230,7 @@ fn a_scan_beyond_a_limit_is_refused_and_nothing_has_moved() {
 
 #[test]
 fn a_limit_switch_that_trips_in_a_scan_stops_the_stage_there() {
-    seeds(4).into_par_iter().for_each(|seed| {
+    on_each(seeds(4), |seed| {
         let mut options = Options::default();
         options.setup.push("AXIS1:LIM:HARD:STAT ON".into());
         let mut short = bench();
@@ -253,7 +249,7 @@ fn a_limit_switch_that_trips_in_a_scan_stops_the_stage_there() {
 
 #[test]
 fn after_a_collision_everything_is_stopped_and_stays_so() {
-    seeds(2).into_par_iter().for_each(|seed| {
+    on_each(seeds(2), |seed| {
         // a gap that nobody would want
         let options = Options { gap_um: -30.0, ..Options::default() };
         let mut bench = Haunted::new(seed, &bench());
@@ -271,17 +267,14 @@ fn after_a_collision_everything_is_stopped_and_stays_so() {
 #[test]
 fn a_drift_of_a_tenth_of_a_micrometre_a_minute_costs_nothing() {
     let moving = bench_twin::Options { drift_um_per_min: 0.1, ..bench() };
-    let mut excess: Vec<f64> = seeds(20)
-        .into_par_iter()
-        .map(|seed| {
-            let mut bench = Haunted::new(seed, &moving);
-            let best = bench.lab.bench().optimum().worst_db;
-            let done = run(&mut bench, &Options::default()).expect("it goes on");
-            assert!(done.seconds <= 20.0);
-            bench.is_well();
-            bench.lab.losses().into_iter().fold(f64::NEG_INFINITY, f64::max) - best
-        })
-        .collect();
+    let mut excess: Vec<f64> = on_each(seeds(20), |seed| {
+        let mut bench = Haunted::new(seed, &moving);
+        let best = bench.lab.bench().optimum().worst_db;
+        let done = run(&mut bench, &Options::default()).expect("it goes on");
+        assert!(done.seconds <= 20.0);
+        bench.is_well();
+        bench.lab.losses().into_iter().fold(f64::NEG_INFINITY, f64::max) - best
+    });
     excess.sort_by(f64::total_cmp);
     let (median, high) = (excess[(excess.len() - 1) / 2], excess[(excess.len() - 1) * 9 / 10]);
     println!("figure: drift of 0.1 um/min: median {median:.4} dB, 90 % {high:.4} dB above the best");

@@ -100,6 +100,10 @@ pub fn align<B: Bus>(bus: &mut B, options: &Options, watch: &mut dyn FnMut(&Step
 
 /// Error of a scan that has found nothing.
 const NO_RESULT: &str = "113,";
+/// Reason of it which noise can have.
+const NO_PEAK: &str = "no maximum";
+/// How often a line is tried.
+const LINES: usize = 3;
 /// Average of a sample of a scan.
 const SCAN_AVERAGE: usize = 16;
 /// Before the first light is read, s.
@@ -214,9 +218,17 @@ impl<'a, B: Bus> Program<'a, B> {
         Ok(())
     }
 
+    /// A line in motion; once more when a burst of noise has left no maximum of it.
     fn line(&mut self, side: Side, channel: usize, axis: Axis, range: f64, end: End) -> Result<Found, Trouble> {
         let threshold_dbm = self.options.light_dbm;
-        Ok(self.at(side).scan(&Scan::Line { channel, axis, range, pitch: 0.2, threshold_dbm, end })?)
+        let line = Scan::Line { channel, axis, range, pitch: 0.2, threshold_dbm, end };
+        for _ in 1..LINES {
+            match self.at(side).scan(&line) {
+                Err(BusError::Refused { error, .. }) if error.starts_with(NO_RESULT) && error.contains(NO_PEAK) => {}
+                other => return Ok(other?),
+            }
+        }
+        Ok(self.at(side).scan(&line)?)
     }
 
     /// x and y of a side by the first channel, wherever in the range it is.

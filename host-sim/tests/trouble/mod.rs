@@ -24,6 +24,26 @@ fn calibrated(bench: &Bench) -> [Machine; 2] {
     })
 }
 
+/// One after the other on each core, with stacks of their own: boards are large.
+pub fn on_each<T: Send>(seeds: Vec<u64>, work: impl Fn(u64) -> T + Sync) -> Vec<T> {
+    let (queue, results) = (Mutex::new(seeds.into_iter()), Mutex::new(Vec::new()));
+    let worker = || {
+        loop {
+            // the queue is free again before the work begins
+            let seed = queue.lock().unwrap().next();
+            let Some(seed) = seed else { return };
+            let result = work(seed);
+            results.lock().unwrap().push(result);
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
+            std::thread::Builder::new().stack_size(16 << 20).spawn_scoped(scope, worker).unwrap();
+        }
+    });
+    results.into_inner().unwrap()
+}
+
 /// Something that happens: true when it has.
 type Event = Box<dyn FnMut(&mut Lab) -> bool>;
 
