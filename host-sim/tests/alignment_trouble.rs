@@ -280,3 +280,26 @@ fn a_drift_of_a_tenth_of_a_micrometre_a_minute_costs_nothing() {
     println!("figure: drift of 0.1 um/min: median {median:.4} dB, 90 % {high:.4} dB above the best");
     assert!(median <= 0.05 && high <= 0.10, "{excess:?}");
 }
+
+#[test]
+fn the_program_ends_with_the_reason_where_the_stages_stand_and_nothing_on_standard_output() {
+    let align = |hand: &str| {
+        let arguments = ["align", "--seed", "2", "--json", "--hand", hand];
+        std::process::Command::new(env!("CARGO_BIN_EXE_host-sim")).args(arguments).output().unwrap()
+    };
+    for (hand, why) in [
+        ("laser off", "bench 2: no light from fibre 1 of the array"),
+        ("fibre 4 broken", "bench 2: no light from fibre 4 of the array"),
+        ("laser 30", "saturated"),
+    ] {
+        let done = align(hand);
+        let told = String::from_utf8(done.stderr).unwrap();
+        assert!(!done.status.success() && done.stdout.is_empty(), "{hand}: {told}");
+        assert!(
+            told.contains(why) && told.contains("Input stage ") && told.contains("Output stage "),
+            "{hand}: {told}"
+        );
+    }
+    let refused = align("fibre 9 broken");
+    assert!(!refused.status.success() && String::from_utf8(refused.stderr).unwrap().contains("fibre <1..8> broken"));
+}
