@@ -8,7 +8,7 @@ use std::time::Instant;
 /// What became of one bench.
 struct Outcome {
     seed: u64,
-    result: Result<Alignment, Ended>,
+    result: Result<Alignment, Box<Ended>>,
     optimum: Optimum,
     losses_db: Vec<f64>,
     wall_s: f64,

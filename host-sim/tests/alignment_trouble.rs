@@ -18,7 +18,7 @@ fn bench() -> bench_twin::Options {
     bench_twin::Options::default()
 }
 
-fn run(bench: &mut Haunted, options: &Options) -> Result<Alignment, Ended> {
+fn run(bench: &mut Haunted, options: &Options) -> Result<Alignment, Box<Ended>> {
     let result = align(bench, options, &mut |_| ());
     if let Err(ended) = &result {
         println!("{ended}");
@@ -27,7 +27,7 @@ fn run(bench: &mut Haunted, options: &Options) -> Result<Alignment, Ended> {
 }
 
 /// The end of an alignment that could not go on.
-fn ended(bench: &mut Haunted, options: &Options) -> Ended {
+fn ended(bench: &mut Haunted, options: &Options) -> Box<Ended> {
     run(bench, options).expect_err("it cannot go on")
 }
 

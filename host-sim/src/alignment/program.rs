@@ -91,9 +91,9 @@ pub struct Alignment {
 /// # Errors
 /// No light, a dead channel, too much light, an unsteady one, a limit, a lost link, a collision: with where the stages
 /// stand then. docs/BENCH.md has them in a table.
-pub fn align<B: Bus>(bus: &mut B, options: &Options, watch: &mut dyn FnMut(&Step)) -> Result<Alignment, Ended> {
+pub fn align<B: Bus>(bus: &mut B, options: &Options, watch: &mut dyn FnMut(&Step)) -> Result<Alignment, Box<Ended>> {
     let mut program = Program::new(bus, options, watch);
-    let levels_dbm = program.run().map_err(|trouble| program.end(trouble))?;
+    let levels_dbm = program.run().map_err(|trouble| Box::new(program.end(trouble)))?;
     let seconds = program.bus.seconds() - program.began;
     Ok(Alignment { levels_dbm, seconds, steps: program.steps })
 }
@@ -398,17 +398,17 @@ impl<'a, B: Bus> Program<'a, B> {
             here = there;
             seen.push(self.channels()?);
         }
-        let mut peaks = Vec::new();
-        for channel in 0..self.options.optics.channels {
+        let peak = |channel: usize| {
             let levels: [f64; 5] = std::array::from_fn(|k| seen[k][channel]);
             let peak = Peak::of_star(levels, PROBE_UM).filter(|peak| peak.x_um.hypot(peak.y_um) < BALANCE_UM);
-            peaks.push(peak.ok_or_else(|| Trouble::NoPeak {
+            peak.ok_or_else(|| Trouble::NoPeak {
                 from: Sees::Fibre(channel),
                 around: "X and Y of the output side".into(),
                 most: format!("{BALANCE_UM} um"),
                 levels_dbm: levels.into(),
-            })?);
-        }
+            })
+        };
+        let peaks = (0..self.options.optics.channels).map(peak).collect::<Result<Vec<_>, _>>()?;
         let best = best_for_all(&self.options.optics, &peaks);
         self.shift(best.x_um - here[0], best.y_um - here[1], best.roll_rad)?;
         self.done("array balanced over all channels", None);
