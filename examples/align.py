@@ -3,11 +3,11 @@
     align.py [VISA names of input side, output side and meter; without them those of `host-sim serve --bench`]
     align.py PRLGX-TCPIP::127.0.0.1::1234::INTFC GPIB0::5::INSTR GPIB0::6::INSTR GPIB0::7::INSTR
 Lengths in um, angles in degrees, powers in dBm. Of the optics it knows what data sheets say."""
-import math, sys, pyvisa
+import math, statistics, sys, pyvisa
 
 PITCH, REACH = 250, 152.3  # of the fibres, towards -x; gap that costs 3 dB: pi n (w1^2 + w2^2) / wavelength
 LASER, DARK, SEARCH = 0, -52, 72  # power in the input fibre; what counts as light, and how wide it is looked for
-BACK, GAP, STEP = 60, 13, 1.5  # to draw back before anything turns; gap that is wanted; to either side of a peak
+BACK, GAP, WAY = 60, 13, 45  # to draw back before anything turns; gap that is wanted; of a step that tells the gap
 
 def run(stage, command):  # waits until all that it begins has ended; an error ends the program
     error = stage.query(command + ";*OPC?;:SYST:ERR?").partition(";")[2]
@@ -17,51 +17,46 @@ def run(stage, command):  # waits until all that it begins has ended; an error e
 def move(stage, x=0, y=0, z=0, gamma=0):
     run(stage, f"POSE:REL {x:.4f},{y:.4f},{z:.4f},0,0,{gamma:.6f}")
 
-def scan(stage, kind, axis, span, end="PEAK", channel=1):  # about where it stands; the place of the peak
+def look(light, must=True):  # at a fibre of the array, or at the detector behind the chip
+    level = float(meter.query(f"ROUT:CLOS 1,{light};:READ:POW? (@1)"))
+    if must and not DARK < level < 50:
+        sys.exit(f"fibre {light}: " + ("no light" if level <= DARK else "the meter is saturated, or the bench broken"))
+    return level
+
+def scan(stage, kind, axis, span, light=1, end="PEAK"):  # about where it stands; how far from its end the peak is
+    look(light)
     step = {"PAR": 7, "LINE": span / 100}[kind]  # points at rest; or the way between samples in motion
-    run(stage, f"SCAN:DEF:{kind} 0,{channel},{axis},{span},{step},{DARK},{end};:SCAN:STAR 0")
-    return float(stage.query("SCAN:RES? 0").split(",")[3])
+    run(stage, f"SCAN:DEF:{kind} 0,1,{axis},{span},{step},{DARK},{end};:SCAN:STAR 0")
+    level, peak, _, stands = map(float, stage.query("SCAN:RES? 0").split(",")[2:])
+    print(f"{stage.side} side, axis {axis}, fibre {light}: {level:.3f} dBm")
+    return peak - stands
 
-def peaks(span, *stages):
-    for stage in stages:
-        scan(stage, "LINE", 1, span), scan(stage, "LINE", 2, span)
+def peaks(stage, span, light=1):  # x, then y
+    scan(stage, "LINE", 1, span, light), scan(stage, "LINE", 2, span, light)
 
-def read(one=1, two=8):  # the light of two fibres, through the switch
-    return [float(level) for level in meter.query(f"ROUT:CLOS 1,{one};CLOS 2,{two};:READ:POW? (@1,2)").split(",")]
+def balance(span, *fibres):  # the array to the mean of where these have their peaks; roll is the slope of the line
+    ways = [[scan(array, "LINE", axis, span, fibre, "STAR") for axis in (1, 2)] for fibre in fibres]
+    x, y = zip(*ways)
+    roll, y_of_first = statistics.linear_regression([PITCH * (1 - fibre) for fibre in fibres], y)
+    move(array, statistics.mean(x), y_of_first, gamma=math.degrees(roll))
 
-def read_all():
-    levels = [level for n in (1, 3, 5, 7) for level in read(n, n + 1)]
-    for n, level in enumerate(levels, 1):
-        if not DARK < level < 50:
-            sys.exit(f"fibre {n}: " + ("no light" if level <= DARK else "the meter is saturated, or the bench broken"))
-    return levels
-
-def approach(stage, way=45):  # how far it still is, is told by how the light falls on the way back
+def along(stage, way):  # the axis of the guides, as the angles say how it lies
     alpha, beta = (math.radians(float(angle)) for angle in stage.query("POSE?").split(",")[3:5])
+    move(stage, way * beta, -way * alpha, way)
+
+def approach(stage):  # how far it still is, is told by how the light falls on the way back
     levels = []
     for _ in range(4):
-        levels.append(read()[0])
-        move(stage, -way * beta, way * alpha, -way)  # along the guides
+        levels.append(look(1))
+        along(stage, -WAY)
     def spread(gap):  # of what each level would be without a gap
-        tops = [level + 10 * math.log10(1 + ((gap + n * way) / REACH) ** 2) for n, level in enumerate(levels)]
-        return max(tops) - min(tops)
+        gaps = (gap + n * WAY for n in range(4))
+        return statistics.pstdev(level + 10 * math.log10(1 + (g / REACH) ** 2) for level, g in zip(levels, gaps))
     gap = min((0.1 * n for n in range(4000)), key=spread)
-    if not GAP < gap < 350 or spread(gap) > 0.05:
-        sys.exit(f"{stage.side} side: {levels} dBm, every {way} um, do not tell the gap")
-    forth = 4 * way + gap - GAP
-    move(stage, forth * beta, -forth * alpha, forth)
-    print(f"  {stage.side} side: {gap:.1f} um were left, now {GAP}")
-
-def star():  # the array to the mean of what five readings tell each channel to be its peak
-    seen, x, y = [], 0, 0
-    for to_x, to_y in (0, 0), (-STEP, 0), (STEP, 0), (0, -STEP), (0, STEP):
-        move(array, to_x - x, to_y - y)
-        seen, x, y = seen + [read_all()], to_x, to_y
-    tops = [[STEP * (high - low) / (2 * (2 * levels[0] - low - high)) for low, high in (levels[1:3], levels[3:5])]
-            for levels in zip(*seen)]
-    mean_x, mean_y = (sum(places) / 8 for places in zip(*tops))
-    roll = sum((3.5 - n) * top[1] for n, top in enumerate(tops)) / (42 * PITCH)  # a straight line through them
-    move(array, mean_x - x, mean_y + 3.5 * PITCH * roll - y, gamma=math.degrees(roll))
+    if not GAP < gap < 350 or spread(gap) > 0.02:
+        sys.exit(f"{stage.side} side: {levels} dBm, every {WAY} um, do not tell the gap")
+    along(stage, 4 * WAY + gap - GAP)
+    print(f"{stage.side} side: {gap:.1f} um were left, now {GAP}")
 
 names = sys.argv[1:] or [f"TCPIP::127.0.0.1::{port}::SOCKET" for port in (5025, 5026, 5027)]
 ends, manager = dict(write_termination="\n", timeout=60_000), pyvisa.ResourceManager("@py")
@@ -70,32 +65,24 @@ for link in source, array, meter:
     if "GPIB" not in link.resource_name:  # there EOI ends an answer
         link.read_termination = "\n"
 source.side, array.side = "input", "output"
-for stage in source, array:
-    run(stage, "SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US;:SENS2:INP LOG,20,-60;RANG 2.9;DEL 36 US")
-print("first light")
-for stage, light in (source, "DET"), (array, 1):  # the input first, with the large-area detector behind the chip
-    if read(light)[0] < DARK:
+for stage, light in (source, "DET"), (array, 1):  # first light; the input first, with the detector behind the chip
+    run(stage, "SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US")
+    if look(light, must=False) < DARK:
         stage.write(f"SCAN:DEF:SPIR 0,1,1,2,{SEARCH},0.4,8,{DARK},FIRS;:SCAN:STAR 0")
-        print(f"  {stage.side} side searched:", stage.query("*OPC?;:SYST:ERR?").strip())
-    peaks(SEARCH, stage)
-print("pitch and yaw about the fibre, drawn back")
-for stage in source, array:
+        print(f"{stage.side} side searched:", stage.query("*OPC?;:SYST:ERR?").strip())
+    peaks(stage, SEARCH, light)
+for stage in source, array:  # pitch and yaw about the fibre, drawn back
     move(stage, z=-BACK)
-    peaks(8, stage)
+    peaks(stage, 8)
     scan(stage, "PAR", 4, 1.2), scan(stage, "PAR", 5, 1.2)
-peaks(8, source, array)
-print("roll by the first and the last channel")
-first, last = (scan(array, "LINE", 2, 40, "STAR", channel) for channel in (1, 2))
-move(array, gamma=math.degrees((first - last) / (7 * PITCH)))
-peaks(8, source, array)
-print("gap")
+peaks(source, 8), peaks(array, 8)
+balance(40, 1, 8)
+peaks(source, 8), peaks(array, 8)
 approach(array), approach(source)
-print("last peaks")
-peaks(4, source, array)
-star()
-read()
-peaks(4, source)
-for n, level in enumerate(read_all(), 1):
-    print(f"CH{n}  {level:8.3f} dBm  loss {LASER - level:7.3f} dB")
+peaks(source, 4)
+balance(6, *range(1, 9))
+peaks(source, 4)
+for fibre in range(1, 9):
+    print(f"CH{fibre}  {(level := look(fibre)):8.3f} dBm  loss {LASER - level:7.3f} dB")
 if not (error := meter.query("SYST:ERR?")).startswith("0,"):
     sys.exit(f"meter: {error}")

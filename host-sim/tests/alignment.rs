@@ -1,6 +1,6 @@
 //! The alignment from what the cameras leave to the best that the bench allows.
 
-use host_sim::alignment::{Alignment, BusError, Lab, Options, align};
+use host_sim::alignment::{Alignment, Ended, Lab, Options, align};
 use host_sim::bench_twin::{self, Bench, Optimum, Side, Start};
 use rayon::prelude::*;
 use std::time::Instant;
@@ -8,7 +8,7 @@ use std::time::Instant;
 /// What became of one bench.
 struct Outcome {
     seed: u64,
-    result: Result<Alignment, BusError>,
+    result: Result<Alignment, Box<Ended>>,
     optimum: Optimum,
     losses_db: Vec<f64>,
     wall_s: f64,

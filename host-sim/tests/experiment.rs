@@ -14,6 +14,13 @@ use std::process::Command;
 
 const PLAY_UM: f64 = 0.3;
 
+/// Benches of a comparison: half of them while debugging.
+fn benches() -> std::ops::RangeInclusive<u64> {
+    let count = if cfg!(debug_assertions) { 6 } else { 12 };
+    println!("figure: {count} of 12 benches");
+    1..=count
+}
+
 /// Runs of some searches and compensations on some benches, in the order of searches, compensations, seeds.
 fn runs(seeds: std::ops::RangeInclusive<u64>, searches: &[Search], modes: &[Mode]) -> Vec<Run> {
     let prepared: Vec<Prepared> =
@@ -73,7 +80,7 @@ fn a_climb_in_steps_up_to_the_play_gains_by_compensation_because_it_is_no_longer
     let small: Vec<f64> = STEPS_UM.into_iter().filter(|step| *step <= PLAY_UM).collect();
     assert_eq!(small.len(), 3);
     let searches: Vec<Search> = small.iter().map(|step| climb(*step)).collect();
-    let runs = runs(1..=12, &searches, &[Mode::None, Mode::All]);
+    let runs = runs(benches(), &searches, &[Mode::None, Mode::All]);
     let mut caught = 0;
     for search in searches {
         let (none, all) = (of(&runs, search, Mode::None), of(&runs, search, Mode::All));
@@ -83,13 +90,14 @@ fn a_climb_in_steps_up_to_the_play_gains_by_compensation_because_it_is_no_longer
         assert_eq!(trapped(&all), 0, "{search:?}");
         caught += trapped(&none);
     }
-    assert!(caught > 6, "{caught} of 36 climbs within the play were caught in it");
+    let climbs = runs.len() / 2;
+    assert!(6 * caught > climbs, "{caught} of {climbs} climbs within the play were caught in it");
 }
 
 #[test]
 fn a_climb_in_steps_above_the_play_is_never_trapped() {
     let searches = [climb(0.5), climb(1.0)];
-    let runs = runs(1..=12, &searches, &[Mode::None]);
+    let runs = runs(benches(), &searches, &[Mode::None]);
     for search in searches {
         assert_eq!(trapped(&of(&runs, search, Mode::None)), 0, "{search:?}");
     }
@@ -110,7 +118,7 @@ fn an_angle_climb_that_does_not_go_back_to_the_peak_needs_the_rotation_centre() 
 
 #[test]
 fn the_robust_search_with_everything_on_comes_within_a_tenth_of_a_decibel() {
-    let runs = runs(1..=12, &[Search::Robust], &[Mode::All]);
+    let runs = runs(benches(), &[Search::Robust], &[Mode::All]);
     for run in &runs {
         assert_eq!(run.failure, None, "seed {}", run.seed);
     }

@@ -8,7 +8,10 @@ use crate::bench_twin::{Collision, Sees, Side};
 #[non_exhaustive]
 pub enum BusError {
     /// Nothing came back in time.
-    #[error("{side:?} controller: no answer to {message:?} within {seconds} s; is its link still there?")]
+    #[error(
+        "{side:?} controller: no answer to {message:?} within {seconds} s; is its link still there? It ends what it was \
+         told last; connect again and begin anew"
+    )]
     Silent {
         /// Whose.
         side: Side,
@@ -18,7 +21,7 @@ pub enum BusError {
         seconds: f64,
     },
     /// The controller refused.
-    #[error("{side:?} controller: {message:?} raised {error}")]
+    #[error("{side:?} controller: {message:?} raised {error}: {}", advice(error))]
     Refused {
         /// Whose.
         side: Side,
@@ -50,6 +53,28 @@ pub enum BusError {
     /// The bench is broken.
     #[error(transparent)]
     Collision(#[from] Collision),
+}
+
+/// What to do after an entry of the error queue: its number, and for 113 the reason.
+fn advice(error: &str) -> &'static str {
+    let number = error.split(',').next().unwrap_or_default();
+    match number {
+        "113" if error.contains("saturated") => "take power from the laser or put an attenuator before the meter",
+        "113" if error.contains("no light") => {
+            "see that the laser is on and the fibres whole, or begin nearer to the light"
+        }
+        "113" => "begin nearer to the light, or look farther",
+        "-222" => {
+            "the way leads beyond a limit; move the mount so that the light lies within the travel, or set the limits \
+             (AXIS<n>:LIMit) farther"
+        }
+        "-213" | "104" => "wait until the scan or move of before has ended, or end it with ABORt",
+        "101" | "109" => "home that axis (AXIS<n>:HOME)",
+        "102" => "move that axis away from its switch, and the mount so that the light lies within the travel",
+        "103" => "close the emergency stop and send SYSTem:ESTop:CLEar",
+        "112" => "see to that driver, then AXIS<n>:ENABle ON",
+        _ => "see the table of errors in COMMANDS.md",
+    }
 }
 
 /// Two controllers and a meter, over messages alone.
@@ -108,6 +133,16 @@ impl<'a, B: Bus> Controller<'a, B> {
     /// Lets time pass.
     pub(super) fn pause(&mut self, seconds: f64) -> Result<(), BusError> {
         self.bus.pause(seconds)
+    }
+
+    /// Sends a message that nobody waits for.
+    pub(super) fn send(&mut self, message: &str) -> Result<(), BusError> {
+        self.bus.send(self.side, message)
+    }
+
+    /// The next line that comes, waited for this long (s).
+    pub(super) fn answer(&mut self, message: &str, patience_s: f64) -> Result<String, BusError> {
+        self.bus.line(self.side, message, patience_s)
     }
 
     /// Asks one question.

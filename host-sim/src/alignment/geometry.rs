@@ -60,6 +60,13 @@ impl Optics {
         k * inverse.im / (2.0 * (waist * inverse.re - 1.0))
     }
 
+    /// How badly levels (dBm) at retreats (um) fit to a gap, dB: root of the mean square.
+    pub fn gap_residual_db(&self, gap_um: f64, seen: &[(f64, f64)]) -> f64 {
+        let tops: Vec<f64> = seen.iter().map(|(back, level)| level + self.gap_db(gap_um + back)).collect();
+        let mean = tops.iter().sum::<f64>() / tops.len() as f64;
+        (tops.iter().map(|top| (top - mean).powi(2)).sum::<f64>() / tops.len() as f64).sqrt()
+    }
+
     /// x of a channel (from 0) in the array, from the first one, um.
     pub fn channel_um(&self, channel: usize) -> f64 {
         -self.pitch_um * channel as f64
@@ -68,11 +75,7 @@ impl Optics {
     /// The gap at which the light was seen first, from levels (dBm) at retreats from there (um): least squares with the
     /// level without gap as the second unknown. None when the levels do not tell.
     pub fn gap_um(&self, seen: &[(f64, f64)]) -> Option<f64> {
-        let residual = |gap: f64| {
-            let tops: Vec<f64> = seen.iter().map(|(back, level)| level + self.gap_db(gap + back)).collect();
-            let mean = tops.iter().sum::<f64>() / tops.len() as f64;
-            tops.iter().map(|top| (top - mean).powi(2)).sum::<f64>()
-        };
+        let residual = |gap| self.gap_residual_db(gap, seen);
         let most = 3.0 * self.reach_um();
         let (mut low, mut high) = (0.0, most);
         // the residual has one minimum

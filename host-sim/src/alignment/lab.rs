@@ -54,6 +54,7 @@ struct Stage {
 impl Stage {
     fn step(&mut self) {
         let bytes = self.down.arrive();
+        // what is on the wire while it is cut is lost in both directions
         if !bytes.is_empty() && !self.cut {
             let answer = self.console.exchange(&bytes);
             self.up.bytes.extend(answer);
@@ -62,6 +63,7 @@ impl Stage {
         self.up.bytes.extend(answer);
         for byte in self.up.arrive() {
             match byte {
+                _ if self.cut => self.line.clear(),
                 b'\n' => self.lines.push_back(String::from_utf8_lossy(&std::mem::take(&mut self.line)).into_owned()),
                 _ => self.line.push(byte),
             }
@@ -168,9 +170,17 @@ impl Lab {
         &mut self.stages[side.index()].console.board
     }
 
-    /// The link of a side is lost: nothing arrives any more.
+    /// The link of a side is lost: nothing arrives any more, in neither direction.
     pub fn cut(&mut self, side: Side) {
         self.stages[side.index()].cut = true;
+    }
+
+    /// The link of a side is back; what was sent meanwhile is lost.
+    pub fn mend(&mut self, side: Side) {
+        let stage = &mut self.stages[side.index()];
+        (stage.down, stage.up, stage.cut) = (Wire::default(), Wire::default(), false);
+        stage.line.clear();
+        stage.lines.clear();
     }
 }
 

@@ -13,6 +13,7 @@
 use super::bus::{Bus, BusError};
 use super::program::{Options, Program, Step};
 use super::scans::{End, Flank, Scan};
+use super::trouble::Trouble;
 use crate::bench_twin::Side;
 use crate::machine::Machine;
 use crate::session::block_of;
@@ -80,14 +81,14 @@ pub fn learn<B: Bus>(
     options: &Options,
     believed: &[Machine; 2],
     watch: &mut dyn FnMut(&Step),
-) -> Result<[(Machine, Learned); 2], BusError> {
+) -> Result<[(Machine, Learned); 2], Trouble> {
     let mut program = Program::new(bus, options, watch);
     program.draw_back()?;
     program.angles()?;
     program.peaks("peaks after turning")?;
-    let mut learn = |side: Side| -> Result<(Machine, Learned), BusError> {
+    let mut learn = |side: Side| -> Result<(Machine, Learned), Trouble> {
         let mut known = believed[side.index()].clone();
-        let mut round = || -> Result<Learned, BusError> {
+        let mut round = || -> Result<Learned, Trouble> {
             let learned = program.learn(side)?;
             known = learned.applied(&known);
             let block = block_of(&known).map_err(|reason| BusError::Calibration { side, reason })?;
@@ -102,7 +103,7 @@ pub fn learn<B: Bus>(
 }
 
 impl<B: Bus> Program<'_, B> {
-    fn learn(&mut self, side: Side) -> Result<Learned, BusError> {
+    fn learn(&mut self, side: Side) -> Result<Learned, Trouble> {
         let gap_um = self.measure_gap(side)?;
         let backlash = [self.backlash(side, Axis::X)?, self.backlash(side, Axis::Y)?];
         self.done(format!("{side:?} side: play of X and Y"), None);
@@ -122,7 +123,7 @@ impl<B: Bus> Program<'_, B> {
     }
 
     /// Where the light has its peak along an axis, um of the axis, and how well that is known.
-    fn peak(&mut self, side: Side, axis: Axis, flank: Flank) -> Result<Told, BusError> {
+    fn peak_along(&mut self, side: Side, axis: Axis, flank: Flank) -> Result<Told, Trouble> {
         let threshold_dbm = self.options.light_dbm;
         let end = End::Start;
         let scan = Scan::Parabola { channel: 1, axis, range: RANGE_UM, points: POINTS, threshold_dbm, end, flank };
@@ -130,16 +131,17 @@ impl<B: Bus> Program<'_, B> {
         Ok(Told { value_um: place.peak, sigma_um: place.sigma.unwrap_or(0.0) })
     }
 
-    fn backlash(&mut self, side: Side, axis: Axis) -> Result<Told, BusError> {
+    fn backlash(&mut self, side: Side, axis: Axis) -> Result<Told, Trouble> {
         self.at(side).run("COMP:BACK:STAT OFF", 1.0)?;
-        let up = self.peak(side, axis, Flank::Positive)?;
-        let down = self.peak(side, axis, Flank::Negative)?;
+        let peaks = [Flank::Positive, Flank::Negative].map(|flank| self.peak_along(side, axis, flank));
         self.at(side).run("COMP:BACK:STAT ON", 1.0)?;
+        let [up, down] = peaks;
+        let (up, down) = (up?, down?);
         Ok(Told { value_um: up.value_um - down.value_um, sigma_um: up.sigma_um.hypot(down.sigma_um) })
     }
 
     /// How far the peaks in x and y go for each radian of a turn.
-    fn turned(&mut self, side: Side, axis: Axis) -> Result<[Told; 2], BusError> {
+    fn turned(&mut self, side: Side, axis: Axis) -> Result<[Told; 2], Trouble> {
         let by = |degrees: f64| {
             let mut by = [0.0; 6];
             by[axis.index()] = degrees;
@@ -150,7 +152,7 @@ impl<B: Bus> Program<'_, B> {
         for (peaks, way) in peaks.iter_mut().zip([BELOW_DEG, 2.0 * TURN_DEG]) {
             self.at(side).move_by(by(way))?;
             for (peak, axis) in peaks.iter_mut().zip(ACROSS) {
-                *peak = self.peak(side, axis, Flank::Positive)?;
+                *peak = self.peak_along(side, axis, Flank::Positive)?;
             }
         }
         self.at(side).move_by(by(-TURN_DEG))?;

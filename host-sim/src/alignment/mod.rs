@@ -10,7 +10,10 @@ mod lab;
 mod learn;
 mod probe;
 mod program;
+mod reading;
+mod rest;
 mod scans;
+mod trouble;
 mod view;
 
 pub use bus::{Bus, BusError, Controller};
@@ -19,4 +22,5 @@ pub use lab::{Lab, Moment};
 pub use learn::{Learned, Told, learn};
 pub use program::{Alignment, Options, Step, align};
 pub use scans::{End, Flank, Found, Place, Scan};
+pub use trouble::{Ended, Stand, Trouble};
 pub use view::LiveLine;

@@ -3,8 +3,9 @@
 //! Light is lost on both sides independently, and near the peak of a Gaussian coupling every coordinate takes a parabola
 //! in dB. So the levels at the middle and at three corners of a square give both slopes and the common bend.
 
-use super::bus::{Bus, BusError};
+use super::bus::Bus;
 use super::program::Program;
+use super::trouble::Trouble;
 use crate::bench_twin::Side;
 use stage_controller::units::Axis;
 
@@ -27,6 +28,11 @@ pub(super) struct Probe {
     /// Of each input: where both coordinates have their peak, from the middle; none where there is none.
     pub peaks: [Option<[f64; 2]>; 2],
 }
+
+/// Farthest from a probe that a peak in x or y is believed, um: the last channel of an array that is 0.8 degrees rolled.
+const MOST_UM: f64 = 25.0;
+/// The same of an angle, degrees.
+const MOST_DEG: f64 = 1.5;
 
 /// Corners that are visited after the middle, in steps: each differs from the one before in as little as can be.
 const CORNERS: [[f64; 2]; 4] = [[0.0, 0.0], [-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]];
@@ -60,7 +66,7 @@ fn way(knobs: &[Knob; 2], by: [f64; 2]) -> [[f64; 6]; 2] {
 
 impl<B: Bus> Program<'_, B> {
     /// Reads the light around here, `step` (um, degrees) to either side.
-    pub(super) fn probe(&mut self, knobs: [Knob; 2], step: f64) -> Result<Probe, BusError> {
+    pub(super) fn probe(&mut self, knobs: [Knob; 2], step: f64) -> Result<Probe, Trouble> {
         let mut seen = [[0.0; 2]; 4];
         let mut here = CORNERS[0];
         for (corner, seen) in CORNERS.into_iter().zip(&mut seen) {
@@ -74,16 +80,30 @@ impl<B: Bus> Program<'_, B> {
     }
 
     /// Goes where the first input has its peak; its level in the middle of the probe, dBm, and how far it was.
-    pub(super) fn turn_to_peak(&mut self, knobs: [Knob; 2], step: f64) -> Result<[f64; 2], BusError> {
+    pub(super) fn turn_to_peak(&mut self, knobs: [Knob; 2], step: f64) -> Result<[f64; 2], Trouble> {
         let probe = self.probe(knobs, step)?;
-        let Some(peak) = probe.peaks[0] else { return Err(self.no_peak(&probe)) };
+        let peak = self.peak(&probe, 0)?;
         self.move_both(way(&knobs, peak.map(|peak| peak - step)))?;
         Ok([probe.levels_dbm[0], peak[0].hypot(peak[1])])
     }
 
-    pub(super) fn no_peak(&mut self, probe: &Probe) -> BusError {
-        let what = format!("{:?} around {:?}", probe.seen, probe.knobs);
-        self.at(Side::Output).strange("SENS1:POW?;:SENS2:POW?", &what, "a peak: is a channel dark?")
+    /// Where an input has its peak; only when there was light all around, and the peak is near enough to be believed.
+    pub(super) fn peak(&self, probe: &Probe, input: usize) -> Result<[f64; 2], Trouble> {
+        let levels_dbm = probe.seen.map(|levels| levels[input]);
+        for level in levels_dbm {
+            self.lit(input, level)?;
+        }
+        let (most, unit) = if probe.knobs[0].axis.is_rotary() { (MOST_DEG, "deg") } else { (MOST_UM, "um") };
+        let near = probe.peaks[input].filter(|peak| peak.iter().all(|way| way.abs() <= most));
+        near.ok_or_else(|| {
+            let name = |knob: Knob| format!("{:?} of the {:?} side", knob.axis, knob.side).to_lowercase();
+            Trouble::NoPeak {
+                from: self.sees[input],
+                around: probe.knobs.map(name).join(" and "),
+                most: format!("{most} {unit}"),
+                levels_dbm: levels_dbm.into(),
+            }
+        })
     }
 }
 

@@ -9,7 +9,9 @@
 use super::bus::{Bus, BusError, Controller};
 use super::geometry::{Optics, Peak, best_for_all};
 use super::probe::Knob;
+use super::reading::CALM_AVERAGE;
 use super::scans::{End, Found, Scan};
+use super::trouble::{Ended, Trouble};
 use crate::bench_twin::{Sees, Side};
 use serde::Serialize;
 use stage_controller::units::Axis;
@@ -23,6 +25,8 @@ pub struct Options {
     pub search_um: f64,
     /// Level that counts as light, dBm.
     pub light_dbm: f64,
+    /// Dark noise of the meter, dBm: what two readings may differ by follows from it.
+    pub dark_dbm: f64,
     /// How far the stages draw back before anything turns, um.
     pub retreat_um: f64,
     /// Gap that is wanted between the faces, um.
@@ -41,11 +45,12 @@ impl Default for Options {
             optics: Optics::default(),
             search_um: 13.0,
             light_dbm: -52.0,
+            dark_dbm: -60.0,
             retreat_um: 60.0,
             gap_um: 12.5,
             angle_deg: 0.35,
             detector: false,
-            setup: ["SENS1:INP LOG,20,-60", "SENS2:INP LOG,20,-60", "SENS1:DEL 0.000036", "SENS2:DEL 0.000036"]
+            setup: ["SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US", "SENS2:INP LOG,20,-60;RANG 2.9;DEL 36 US"]
                 .map(String::from)
                 .to_vec(),
         }
@@ -84,37 +89,55 @@ pub struct Alignment {
 /// Aligns. `watch` is told of every step that has ended.
 ///
 /// # Errors
-/// Those of the bus: no light, a dead channel, a limit, a lost link, a collision.
-pub fn align<B: Bus>(bus: &mut B, options: &Options, watch: &mut dyn FnMut(&Step)) -> Result<Alignment, BusError> {
-    let began = bus.seconds();
+/// No light, a dead channel, too much light, an unsteady one, a limit, a lost link, a collision: with where the stages
+/// stand then. docs/BENCH.md has them in a table.
+pub fn align<B: Bus>(bus: &mut B, options: &Options, watch: &mut dyn FnMut(&Step)) -> Result<Alignment, Box<Ended>> {
     let mut program = Program::new(bus, options, watch);
-    program.run()?;
-    let levels_dbm = program.channels()?;
-    let seconds = program.bus.seconds() - began;
+    let levels_dbm = program.run().map_err(|trouble| Box::new(program.end(trouble)))?;
+    let seconds = program.bus.seconds() - program.began;
     Ok(Alignment { levels_dbm, seconds, steps: program.steps })
 }
 
-/// Samples of a mean at rest, of 256 us.
-const CALM_AVERAGE: usize = 32;
-/// Time of such a mean with the meter in front of it, s.
+/// Error of a scan that has found nothing.
+const NO_RESULT: &str = "113,";
+/// Reason of it which noise can have.
+const NO_PEAK: &str = "no maximum";
+/// How often a line is tried.
+const LINES: usize = 3;
+/// Average of a sample of a scan.
+const SCAN_AVERAGE: usize = 16;
+/// Before the first light is read, s.
 const CALM_S: f64 = 0.01;
+
 /// Way to either side of a probe in x and y, um.
 const PROBE_UM: f64 = 1.5;
 /// Retreats at which the light tells the gap, um.
 const RETREATS_UM: [f64; 4] = [0.0, 40.0, 80.0, 140.0];
+/// Between the first reading of a gap and the same one afterwards, dB: more, and something else than the gap has changed.
+const SAME_DB: f64 = 0.05;
+/// Both ends of the array are as near if the gaps there differ by less, um.
+const ASKEW_UM: f64 = 4.0;
+/// How far levels may be off the law of the gap, dB: ten times what they are on a bench that is well.
+const FALL_DB: f64 = 0.02;
+/// Farthest that the array is put from where it stands when it is balanced, um: roll and peaks are right then.
+const BALANCE_UM: f64 = 5.0;
 
 pub(super) struct Program<'a, B> {
     pub bus: &'a mut B,
     pub options: &'a Options,
-    began: f64,
-    steps: Vec<Step>,
+    pub(super) began: f64,
+    pub(super) steps: Vec<Step>,
     watch: &'a mut dyn FnMut(&Step),
+    /// What both inputs look at.
+    pub(super) sees: [Sees; 2],
+    /// Z of both stages after they were drawn back, um, since then.
+    pub(super) back_um: [Option<f64>; 2],
 }
 
 impl<'a, B: Bus> Program<'a, B> {
     pub(super) fn new(bus: &'a mut B, options: &'a Options, watch: &'a mut dyn FnMut(&Step)) -> Self {
-        let began = bus.seconds();
-        Program { bus, options, began, steps: Vec::new(), watch }
+        let (began, sees) = (bus.seconds(), [Sees::Fibre(0), Sees::Fibre(options.optics.channels - 1)]);
+        Program { bus, options, began, steps: Vec::new(), watch, sees, back_um: [None; 2] }
     }
 
     pub(super) fn at(&mut self, side: Side) -> Controller<'_, B> {
@@ -128,22 +151,43 @@ impl<'a, B: Bus> Program<'a, B> {
     }
 
     /// Light, far enough from the chip to turn.
-    pub(super) fn draw_back(&mut self) -> Result<(), BusError> {
+    pub(super) fn draw_back(&mut self) -> Result<(), Trouble> {
         for side in Side::BOTH {
             let setup = self.options.setup.join(";:");
+            self.at(side).clear()?;
             self.at(side).run(&setup, 1.0)?;
         }
+        self.average(SCAN_AVERAGE)?;
+        self.look_at_ends();
         self.first_light()?;
         let back = [0.0, 0.0, -self.options.retreat_um, 0.0, 0.0, 0.0];
         self.move_both([back; 2])?;
+        for side in Side::BOTH {
+            self.back_um[side.index()] = Some(self.at(side).pose()?[2]);
+        }
         self.average(CALM_AVERAGE)?;
         self.peaks("peaks after drawing back")
     }
 
-    fn run(&mut self) -> Result<(), BusError> {
+    /// Puts an input before a light.
+    fn look(&mut self, input: usize, sees: Sees) {
+        self.sees[input] = sees;
+        self.bus.look(input, sees);
+    }
+
+    /// The first and the last fibre.
+    fn look_at_ends(&mut self) {
+        self.look(0, Sees::Fibre(0));
+        self.look(1, Sees::Fibre(self.options.optics.channels - 1));
+    }
+
+    /// All steps; the levels of all channels in the end.
+    fn run(&mut self) -> Result<Vec<f64>, Trouble> {
         self.draw_back()?;
         self.angles()?;
         self.roll()?;
+        // a fibre without light is told before anything approaches the chip
+        self.channels()?;
         for side in Side::BOTH.into_iter().rev() {
             self.gap(side)?;
         }
@@ -152,11 +196,11 @@ impl<'a, B: Bus> Program<'a, B> {
         let knobs = [Axis::X, Axis::Y].map(|axis| Knob { side: Side::Input, axis });
         let level = self.turn_to_peak(knobs, PROBE_UM)?[0];
         self.done("last peak of the input", Some(level));
-        Ok(())
+        self.channels()
     }
 
     /// Samples of a mean.
-    fn average(&mut self, samples: usize) -> Result<(), BusError> {
+    fn average(&mut self, samples: usize) -> Result<(), Trouble> {
         for side in Side::BOTH {
             self.at(side).run(&format!("SENS1:AVER {samples};:SENS2:AVER {samples}"), 1.0)?;
         }
@@ -164,7 +208,7 @@ impl<'a, B: Bus> Program<'a, B> {
     }
 
     /// Moves both stages by so much at once, um and degrees.
-    pub(super) fn move_both(&mut self, by: [[f64; 6]; 2]) -> Result<(), BusError> {
+    pub(super) fn move_both(&mut self, by: [[f64; 6]; 2]) -> Result<(), Trouble> {
         for side in Side::BOTH {
             self.at(side).begin_move(by[side.index()])?;
         }
@@ -174,27 +218,28 @@ impl<'a, B: Bus> Program<'a, B> {
         Ok(())
     }
 
-    /// Both power inputs where the stages stand now, dBm.
-    pub(super) fn calm_powers(&mut self) -> Result<[f64; 2], BusError> {
-        let mut controller = self.at(Side::Output);
-        controller.pause(CALM_S)?;
-        controller.powers()
-    }
-
-    fn line(&mut self, side: Side, channel: usize, axis: Axis, range: f64, end: End) -> Result<Found, BusError> {
+    /// A line in motion; once more when a burst of noise has left no maximum of it.
+    fn line(&mut self, side: Side, channel: usize, axis: Axis, range: f64, end: End) -> Result<Found, Trouble> {
         let threshold_dbm = self.options.light_dbm;
-        self.at(side).scan(&Scan::Line { channel, axis, range, pitch: 0.2, threshold_dbm, end })
+        let line = Scan::Line { channel, axis, range, pitch: 0.2, threshold_dbm, end };
+        for _ in 1..LINES {
+            match self.at(side).scan(&line) {
+                Err(BusError::Refused { error, .. }) if error.starts_with(NO_RESULT) && error.contains(NO_PEAK) => {}
+                other => return Ok(other?),
+            }
+        }
+        Ok(self.at(side).scan(&line)?)
     }
 
     /// x and y of a side by the first channel, wherever in the range it is.
-    fn lines(&mut self, side: Side) -> Result<f64, BusError> {
+    fn lines(&mut self, side: Side) -> Result<f64, Trouble> {
         let range = 2.0 * self.options.search_um;
         self.line(side, 1, Axis::X, range, End::Peak)?;
         Ok(self.line(side, 1, Axis::Y, range, End::Peak)?.level_dbm)
     }
 
     /// x and y of both sides by the first channel, from near.
-    pub(super) fn peaks(&mut self, name: &str) -> Result<(), BusError> {
+    pub(super) fn peaks(&mut self, name: &str) -> Result<(), Trouble> {
         let mut level = 0.0;
         for axis in [Axis::X, Axis::Y] {
             level = self.turn_to_peak(Side::BOTH.map(|side| Knob { side, axis }), PROBE_UM)?[0];
@@ -203,12 +248,12 @@ impl<'a, B: Bus> Program<'a, B> {
         Ok(())
     }
 
-    fn first_light(&mut self) -> Result<(), BusError> {
+    fn first_light(&mut self) -> Result<(), Trouble> {
         if self.options.detector {
-            self.bus.look(0, Sees::Detector);
+            self.look(0, Sees::Detector);
             self.light_of(&[Side::Input])?;
             self.lines(Side::Input)?;
-            self.bus.look(0, Sees::Fibre(0));
+            self.look(0, Sees::Fibre(0));
             self.light_of(&[Side::Output])?;
             self.lines(Side::Output)?;
         } else {
@@ -220,30 +265,31 @@ impl<'a, B: Bus> Program<'a, B> {
     }
 
     /// Looks for light: here, and if there is none in spirals of these sides, one after the other.
-    fn light_of(&mut self, searched: &[Side]) -> Result<(), BusError> {
+    fn light_of(&mut self, searched: &[Side]) -> Result<(), Trouble> {
         let (light_dbm, range) = (self.options.light_dbm, 2.0 * self.options.search_um);
-        let level = self.calm_powers()?[0];
+        self.at(Side::Output).pause(CALM_S)?;
+        let level = self.at(Side::Output).powers()?[0];
         if level >= light_dbm {
-            self.done("first light: there is some", Some(level));
+            self.done("first light: there is some", Some(self.lit(0, level)?));
             return Ok(());
         }
         let spiral = Scan::FirstLight { channel: 1, range, step: 8.0, pitch: 0.4, threshold_dbm: light_dbm };
-        let mut refused = None;
         for side in searched {
             match self.at(*side).scan(&spiral) {
                 Ok(found) => {
                     self.done("first light: spiral", Some(found.level_dbm));
                     return Ok(());
                 }
-                Err(error @ BusError::Refused { .. }) => refused = Some(error),
-                Err(error) => return Err(error),
+                Err(BusError::Refused { error, .. }) if error.starts_with(NO_RESULT) => {}
+                Err(error) => return Err(error.into()),
             }
         }
-        refused.map_or(Ok(()), Err)
+        let (from, searched) = (self.sees[0], searched.to_vec());
+        Err(Trouble::Nowhere { from, searched, search_um: self.options.search_um, least_dbm: light_dbm })
     }
 
     /// Pitch and yaw of both sides with the pivots held.
-    pub(super) fn angles(&mut self) -> Result<(), BusError> {
+    pub(super) fn angles(&mut self) -> Result<(), Trouble> {
         let mut level = 0.0;
         for axis in [Axis::Alpha, Axis::Beta] {
             let knobs = Side::BOTH.map(|side| Knob { side, axis });
@@ -254,14 +300,12 @@ impl<'a, B: Bus> Program<'a, B> {
     }
 
     /// Peaks in x and y, and the roll of the array from its first and last channel.
-    fn roll(&mut self) -> Result<(), BusError> {
+    fn roll(&mut self) -> Result<(), Trouble> {
         let optics = self.options.optics;
         let span = optics.channel_um(optics.channels - 1);
         self.turn_to_peak(Side::BOTH.map(|side| Knob { side, axis: Axis::X }), PROBE_UM)?;
         let probe = self.probe(Side::BOTH.map(|side| Knob { side, axis: Axis::Y }), PROBE_UM)?;
-        let [first, last] = [0, 1].map(|input| probe.peaks[input]);
-        let first = first.ok_or_else(|| self.no_peak(&probe))?;
-        let last = last.ok_or_else(|| self.no_peak(&probe))?;
+        let (first, last) = (self.peak(&probe, 0)?, self.peak(&probe, 1)?);
         let roll_rad = (last[1] - first[1]) / span;
         let mut by = probe.back();
         by[0][1] += first[0];
@@ -273,54 +317,79 @@ impl<'a, B: Bus> Program<'a, B> {
     }
 
     /// Along the axis of the guides, as the angles say how it lies.
-    fn along(&mut self, side: Side, way_um: f64) -> Result<(), BusError> {
+    fn along(&mut self, side: Side, way_um: f64) -> Result<(), Trouble> {
         let pose = self.at(side).pose()?;
         let (alpha, beta) = (pose[3].to_radians(), pose[4].to_radians());
-        self.at(side).move_by([way_um * beta, -way_um * alpha, way_um, 0.0, 0.0, 0.0])
+        Ok(self.at(side).move_by([way_um * beta, -way_um * alpha, way_um, 0.0, 0.0, 0.0])?)
     }
 
     /// Finds how far the faces are apart, and goes as near as is wanted.
-    fn gap(&mut self, side: Side) -> Result<(), BusError> {
-        let gap = self.measure_gap(side)?;
+    fn gap(&mut self, side: Side) -> Result<(), Trouble> {
+        // off the peak the light falls otherwise, and the gap would be told too wide
+        self.turn_to_peak([Axis::X, Axis::Y].map(|axis| Knob { side, axis }), PROBE_UM)?;
+        let seen = self.retreat(side)?;
+        let first = self.gap_told(side, 0, &seen)?;
+        // an array that stands askew is nearer at its other end; that fibre may be too far off its peak to tell
+        let last = (side == Side::Output).then(|| self.gap_told(side, 1, &seen).ok()).flatten();
+        let gap = last.filter(|last| first - last > ASKEW_UM).unwrap_or(first);
         self.along(side, gap - self.options.gap_um)?;
         self.done(format!("{side:?} side: {gap:.1} um were left, now {:.1}", self.options.gap_um), None);
         Ok(())
     }
 
     /// The gap here, um, told by how the light falls on the way back.
-    pub(super) fn measure_gap(&mut self, side: Side) -> Result<f64, BusError> {
-        let mut seen = Vec::new();
-        let mut back = 0.0;
-        for retreat in RETREATS_UM {
+    pub(super) fn measure_gap(&mut self, side: Side) -> Result<f64, Trouble> {
+        let seen = self.retreat(side)?;
+        self.gap_told(side, 0, &seen)
+    }
+
+    /// Draws back and returns: retreats (um) and the light of both inputs there, the last one back at the beginning.
+    fn retreat(&mut self, side: Side) -> Result<Vec<(f64, [f64; 2])>, Trouble> {
+        let (mut seen, mut back) = (Vec::new(), 0.0);
+        for retreat in RETREATS_UM.into_iter().chain([0.0]) {
             self.along(side, back - retreat)?;
             back = retreat;
-            seen.push((retreat, self.calm_powers()?[0]));
+            seen.push((retreat, self.calm_powers()?));
         }
-        self.along(side, back)?;
-        let falls = "light that falls with the distance";
-        let gap = self.options.optics.gap_um(&seen);
-        gap.ok_or_else(|| self.at(side).strange("SENS1:POW?", &format!("{seen:?}"), falls))
+        Ok(seen)
+    }
+
+    /// The gap, um, as an input has seen the light fall; only when that is as it must be.
+    fn gap_told(&self, side: Side, input: usize, seen: &[(f64, [f64; 2])]) -> Result<f64, Trouble> {
+        let mut fall = Vec::new();
+        for (back, levels) in seen {
+            fall.push((*back, self.lit(input, levels[input])?));
+        }
+        let optics = self.options.optics;
+        let way = &fall[..RETREATS_UM.len()];
+        let reason = match optics.gap_um(way) {
+            _ if (fall[0].1 - fall[RETREATS_UM.len()].1).abs() > SAME_DB => "it has changed meanwhile",
+            Some(gap_um) if optics.gap_residual_db(gap_um, way) < FALL_DB => return Ok(gap_um),
+            _ => "it does not fall with the distance as it must",
+        };
+        Err(Trouble::Gap { side, seen: fall, reason })
     }
 
     /// Levels of all channels here.
-    fn channels(&mut self) -> Result<Vec<f64>, BusError> {
+    fn channels(&mut self) -> Result<Vec<f64>, Trouble> {
         let channels = self.options.optics.channels;
         let mut levels = vec![f64::NEG_INFINITY; channels];
         for pair in 0..channels.div_ceil(2) {
             let both = [2 * pair, (2 * pair + 1).min(channels - 1)];
             for (input, channel) in both.into_iter().enumerate() {
-                self.bus.look(input, Sees::Fibre(channel));
+                self.look(input, Sees::Fibre(channel));
             }
             let powers = self.calm_powers()?;
-            both.into_iter().zip(powers).for_each(|(channel, level)| levels[channel] = level);
+            for (input, channel) in both.into_iter().enumerate() {
+                levels[channel] = self.lit(input, powers[input])?;
+            }
         }
-        self.bus.look(0, Sees::Fibre(0));
-        self.bus.look(1, Sees::Fibre(channels - 1));
+        self.look_at_ends();
         Ok(levels)
     }
 
     /// Puts the array where the weakest channel has most light.
-    fn balance(&mut self) -> Result<(), BusError> {
+    fn balance(&mut self) -> Result<(), Trouble> {
         let stations = [[0.0, 0.0], [-PROBE_UM, 0.0], [PROBE_UM, 0.0], [0.0, -PROBE_UM], [0.0, PROBE_UM]];
         let mut seen = Vec::new();
         let mut here = [0.0; 2];
@@ -329,19 +398,24 @@ impl<'a, B: Bus> Program<'a, B> {
             here = there;
             seen.push(self.channels()?);
         }
-        let peaks: Option<Vec<Peak>> = (0..self.options.optics.channels)
-            .map(|i| Peak::of_star(std::array::from_fn(|k| seen[k][i]), PROBE_UM))
-            .collect();
-        let Some(peaks) = peaks else {
-            return Err(self.at(Side::Output).strange("SENS1:POW?", &format!("{seen:?}"), "a peak in every channel"));
+        let peak = |channel: usize| {
+            let levels: [f64; 5] = std::array::from_fn(|k| seen[k][channel]);
+            let peak = Peak::of_star(levels, PROBE_UM).filter(|peak| peak.x_um.hypot(peak.y_um) < BALANCE_UM);
+            peak.ok_or_else(|| Trouble::NoPeak {
+                from: Sees::Fibre(channel),
+                around: "X and Y of the output side".into(),
+                most: format!("{BALANCE_UM} um"),
+                levels_dbm: levels.into(),
+            })
         };
+        let peaks = (0..self.options.optics.channels).map(peak).collect::<Result<Vec<_>, _>>()?;
         let best = best_for_all(&self.options.optics, &peaks);
         self.shift(best.x_um - here[0], best.y_um - here[1], best.roll_rad)?;
         self.done("array balanced over all channels", None);
         Ok(())
     }
 
-    fn shift(&mut self, x_um: f64, y_um: f64, roll_rad: f64) -> Result<(), BusError> {
-        self.at(Side::Output).move_by([x_um, y_um, 0.0, 0.0, 0.0, roll_rad.to_degrees()])
+    fn shift(&mut self, x_um: f64, y_um: f64, roll_rad: f64) -> Result<(), Trouble> {
+        Ok(self.at(Side::Output).move_by([x_um, y_um, 0.0, 0.0, 0.0, roll_rad.to_degrees()])?)
     }
 }

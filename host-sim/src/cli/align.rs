@@ -4,6 +4,7 @@ use super::Failure;
 use super::common::{say, say_json};
 use crate::alignment::{Alignment, Lab, LiveLine, Options, Step, align};
 use crate::bench_twin::{self, Bench, Side, Start};
+use crate::control::LightControl;
 use serde::Serialize;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
@@ -23,6 +24,9 @@ pub struct Args {
     /// Sent to both controllers before, as often as wanted: `--setup "COMP:STAT OFF"`.
     #[arg(long, value_name = "MESSAGE")]
     setup: Vec<String>,
+    /// Done at the bench before, as often as wanted: `laser off`, `laser <dBm>`, `fibre <1..8> broken`.
+    #[arg(long, value_name = "WORDS", value_parser = str::parse::<LightControl>)]
+    hand: Vec<LightControl>,
     /// Show the light while it goes on, so many times as fast as on a real bench; 0 is as fast as it can be.
     #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = "1")]
     live: Option<f64>,
@@ -62,6 +66,7 @@ impl Args {
             return Err(refused(reasons.map(ToString::to_string).collect::<Vec<_>>().join("; ")));
         };
         let mut lab = Lab::new(bench, &[input, output], self.seed).map_err(refused)?;
+        self.hand.iter().for_each(|hand| hand.apply(lab.bench_mut()));
         let mut options = if self.coarse { Options::with_detector() } else { Options::default() };
         options.setup.extend(self.setup.iter().cloned());
         let live = self.live.filter(|_| std::io::stderr().is_terminal());

@@ -3,7 +3,7 @@
 use super::climb::{Log, angle_climb, climb};
 use super::mechanism::{Mechanisms, carried_um, mechanisms};
 use super::search::{Search, switches};
-use crate::alignment::{self, BusError, Lab, align};
+use crate::alignment::{self, BusError, Lab, Trouble, align};
 use crate::bench_twin::{Bench, Optimum, Options, Side};
 use crate::machine::Machine;
 use crate::report::Mode;
@@ -128,7 +128,7 @@ impl Run {
         let uniformity_db = worst_db - losses_db.iter().copied().fold(f64::INFINITY, f64::min);
         let above_optimum_db = worst_db - optimum.worst_db;
         let failure = match end {
-            Err(BusError::Collision(collision)) => Some(Failure::Collision(collision.to_string())),
+            Err(Trouble::Bus(BusError::Collision(collision))) => Some(Failure::Collision(collision.to_string())),
             Err(error) => Some(Failure::Error(error.to_string())),
             Ok(()) if above_optimum_db > NEAR_ENOUGH_DB => Some(Failure::Far),
             Ok(()) if search.is_robust() && seconds > IN_TIME_S => Some(Failure::Late),
@@ -152,14 +152,16 @@ impl Run {
 }
 
 /// To the end; when that was, s.
-fn go(lab: &mut Lab, search: Search, mode: Mode, log: &mut Log) -> (Result<(), BusError>, f64) {
+fn go(lab: &mut Lab, search: Search, mode: Mode, log: &mut Log) -> (Result<(), Trouble>, f64) {
     let mut options = alignment::Options::default();
     options.setup.extend(switches(mode));
     let end = match search {
-        Search::Climb { step_um } => climb(lab, &options.setup, step_um, log),
-        Search::AngleClimb => angle_climb(lab, &options.setup, false, log),
-        Search::AngleClimbRepeaked => angle_climb(lab, &options.setup, true, log),
-        Search::Robust | Search::RobustNear => align(lab, &options, &mut |_| ()).map(|_| ()),
+        Search::Climb { step_um } => climb(lab, &options.setup, step_um, log).map_err(Trouble::from),
+        Search::AngleClimb => angle_climb(lab, &options.setup, false, log).map_err(Trouble::from),
+        Search::AngleClimbRepeaked => angle_climb(lab, &options.setup, true, log).map_err(Trouble::from),
+        Search::Robust | Search::RobustNear => {
+            align(lab, &options, &mut |_| ()).map(|_| ()).map_err(|ended| ended.trouble)
+        }
     };
     // nothing ran before the search began
     (end, alignment::Bus::seconds(lab))
