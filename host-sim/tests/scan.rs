@@ -39,8 +39,9 @@ fn lines_and_parabolas_find_the_peak_whatever_the_play_does() {
     for seed in 0..40u64 {
         let mut bench = Bench::new(Spot::new([0.0; 3]), seed);
         bench.spot.at = [bench.between(-3000.0, 3000.0), bench.between(-500.0, 500.0), 0.0];
-        let flank = ["POS", "NEG"][seed as usize % 2];
-        bench.good(WAYS[seed as usize / 2 % WAYS.len()]);
+        let way = WAYS[seed as usize / 2 % WAYS.len()];
+        let flank = if way.ends_with("UNIP") { "POS" } else { ["POS", "NEG"][seed as usize % 2] };
+        bench.good(way);
         // anywhere within the play
         let away = bench.between(-3.0, 3.0);
         bench.good(&format!("AXIS1:MOVE:REL {away:.3};*OPC?"));

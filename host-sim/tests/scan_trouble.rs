@@ -296,8 +296,9 @@ fn definitions_and_settings_refuse_nonsense_with_the_value() {
         ("SCAN:DEF:LINE 0,1,1,20,0.1,-20,TOP", "-104,\"Data type error;TOP\""),
         ("SCAN:DEF:RAST 0,1,1,1,20,20,1,1", "-221,\"Settings conflict;1\""),
         ("SCAN:DEF:RAST 0,1,1,2,20,100,1,1", "-222,\"Data out of range;1\""),
-        ("SCAN:DEF:SPIR 0,1,1,4,20,1,1", "-221,\"Settings conflict;4\""),
-        ("SCAN:DEF:SPIR 0,1,1,2,200,1,1", "-222,\"Data out of range;1\""),
+        ("SCAN:DEF:SPIR 0,1,1,4,20,1,1,-40", "-221,\"Settings conflict;4\""),
+        ("SCAN:DEF:SPIR 0,1,1,2,200,1,1,-40", "-222,\"Data out of range;1\""),
+        ("SCAN:DEF:SPIR 0,1,1,2,20,1,1", "-109,\"Missing parameter;SCAN:DEF:SPIR\""),
         ("SCAN:DEF:HILL 0,1,(@1,4),20,1,0.1,1", "-221,\"Settings conflict;(@1,4)\""),
         ("SCAN:DEF:HILL 0,1,(@1:6),20,1,0.1,1", "-221,\"Settings conflict;(@1:6)\""),
         ("SCAN:DEF:HILL 0,1,(@1),20,1,2,1", "-222,\"Data out of range;2\""),
@@ -351,7 +352,7 @@ fn a_link_that_closes_or_is_cleared_does_not_end_a_scan() {
         for _ in 0..segments {
             board.step(|_| ());
             let off = (board.twin().true_pose()[0] - 1500.0) / 5000.0;
-            let code = ((-off * off).exp() / 3.3 * 32760.0) as u16;
+            let code = ((-off * off).exp() / 3.3 * 32768.0) as u16;
             board.set_power([code, code]);
             links.poll(&mut board.front, 0);
         }

@@ -112,6 +112,11 @@ impl Definition {
         self.values[FLANK] != 0
     }
 
+    /// It samples on one flank, which is chosen.
+    pub fn samples_one_way(&self) -> bool {
+        matches!(self.kind, Kind::Line | Kind::Raster | Kind::Parabola)
+    }
+
     /// +1 or -1: the direction in which it samples.
     pub fn sign(&self) -> i32 {
         if self.is_negative() { -1 } else { 1 }
@@ -193,8 +198,8 @@ impl Outcome {
     /// As a scan begins.
     pub const FRESH: Outcome = Outcome { status: status::RUNNING, level: DARK, ..Outcome::NONE };
 
-    /// True when it says where the peak is, or where light was found.
+    /// True when it says where the peak is, or where light was found: not while that is still looked for.
     pub fn has_position(&self) -> bool {
-        self.status & (status::PEAK | status::LIGHT | status::EDGE) != 0
+        self.level != DARK && self.status & (status::PEAK | status::LIGHT | status::EDGE) != 0
     }
 }

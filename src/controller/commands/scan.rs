@@ -18,7 +18,8 @@ const AXIS: u8 = 10;
 const SECOND_AXIS: u8 = 11;
 const AXES: u8 = 12;
 
-/// Parameters behind the number, in their order; from the threshold on they may be missing.
+/// Parameters behind the number, in their order; from the threshold on they may be missing, but for that of a spiral,
+/// which looks for light.
 const fn fields(kind: Kind) -> &'static [u8] {
     const CHANNEL: u8 = scan::CHANNEL as u8;
     const RANGE: u8 = scan::RANGE as u8;
@@ -117,8 +118,9 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
     }
     let mut definition = Definition { defined: true, kind, count: 1, ..Definition::NONE };
     definition.values[scan::THRESHOLD] = DARK / 1000;
+    let optional = scan::THRESHOLD + usize::from(kind == Kind::Spiral)..scan::VALUES;
     for field in fields(kind) {
-        if params.is_empty() && (scan::THRESHOLD..scan::VALUES).contains(&usize::from(*field)) {
+        if params.is_empty() && optional.contains(&usize::from(*field)) {
             break;
         }
         take(&mut definition, *field, &mut params)?;

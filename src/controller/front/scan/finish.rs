@@ -158,7 +158,7 @@ impl Front {
                 }
             }
         }
-        let ways = [self.before(scan, offsets, downwards), Some(Self::offset_pose(scan, offsets))];
+        let ways = [Some(self.before(scan, offsets, downwards)), Some(Self::offset_pose(scan, offsets))];
         if let Some(running) = self.light.scan_mut() {
             running.ways = ways;
         }

@@ -76,8 +76,9 @@ impl Front {
                 if lost && within {
                     scan.outcome.status |= status::LOST;
                 }
-                // a spiral looks for light: where it is, is known to its step alone
-                let unsure = sample.taking_up != 0 && scan.definition.kind != Kind::Spiral;
+                // where the stage is, its own motor says but while it takes up play: other motors that reverse meanwhile
+                // leave their part of the stage where it was; of a spiral the place is known to its step alone
+                let unsure = sample.taking_up >> leg.motor & 1 != 0 && scan.definition.kind != Kind::Spiral;
                 if lost || !within || unsure {
                     scan.block.clear();
                 }
