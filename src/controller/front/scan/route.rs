@@ -106,7 +106,7 @@ impl Front {
         if spiral {
             let [begin, end] = [index, index + 1].map(|n| Definition::corner(n).map(|corner| corner * values[STEP]));
             let k = along as usize & 1;
-            (leg.from, leg.to, leg.beside) = (begin[k], end[k], begin[1 - k]);
+            (leg.from, leg.to, leg.beside) = (begin[k], end[k].min(definition.reach()), begin[1 - k]);
         } else {
             leg.beyond = run_up(velocity, own.acceleration, own.jerk) + self.lag(definition, velocity);
         }
@@ -219,7 +219,7 @@ impl Front {
             let reach = match (definition.kind, n) {
                 (Kind::Line | Kind::Raster, 0) => leg.ends()[1].abs(),
                 (Kind::Raster, _) => -leg.beside,
-                (Kind::Spiral, _) => (definition.turns() + 1).saturating_mul(definition.values[STEP]),
+                (Kind::Spiral, _) => definition.reach(),
                 _ => definition.values[RANGE] / 2,
             };
             let clear = self.clear_way(axis);
