@@ -181,7 +181,7 @@ fn heard(interleaving: Interleaving, seed: u64, average: u32) -> Vec<String> {
         "LINE 0,1,1,12,0.2,-40,PEAK",
         "LINE 0,1,2,12,0.2,-40,PEAK,NEG",
         "RAST 0,1,1,2,8,6,0.2,3,-40,STAR",
-        "SPIR 0,1,1,2,8,0.3,2,-40,PEAK",
+        "SPIR 0,1,1,2,12,0.3,2,-40,PEAK",
         "SPIR 0,1,1,2,8,0.3,2,-6,FIRS",
         "HILL 0,1,(@1,2),8,1.5,0.5,1,-40,STAR",
         "PAR 0,1,1,6,5,-40,PEAK",
