@@ -116,7 +116,7 @@ fn a_climb_whose_steps_the_play_swallows_is_refused_with_the_least_step_that_wor
     let mut bench = Bench::new(Spot::new([1000.0, 0.0, 0.0]), 1);
     bench.good("SCAN:DEF:HILL 0,1,(@1,2),20,0.4,0.1,1;:COMP:BACK:STAT OFF");
     bench.line("SCAN:STAR 0");
-    assert_eq!(bench.error(), "-221,\"Settings conflict;AXIS1 play takes the step: 0.100 um below 0.301 um\"");
+    assert_eq!(bench.error(), "-221,\"Settings conflict;AXIS1 play takes step or range: 0.100 um below 0.301 um\"");
     assert_eq!(bench.line("SCAN:STAT?"), "IDLE,0");
     // as many steps as it takes, or one that is large enough
     for definition in ["20,0.4,0.1,4", "20,0.4,0.301,1"] {

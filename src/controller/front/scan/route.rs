@@ -256,7 +256,8 @@ impl Front {
     }
 
     /// # Errors
-    /// -221 when the steps that a climb tries without gain are together not more than the play that is not compensated.
+    /// -221 when the steps that a climb tries without gain are together not more than the play that is not compensated, or
+    /// when its range has no room for more than it.
     fn check_climb(&self, definition: &Definition, axis: Axis) -> Result<(), Error> {
         let own = &self.settings.axes[axis.index()];
         let switches = self.settings.switches;
@@ -268,11 +269,16 @@ impl Front {
             }
             _ => own.backlash_steps(&self.motor(axis)),
         };
-        let play = steps_to_units(steps.into(), self.law().step_q32(axis.index()));
-        let patience = i64::from(definition.values[NUMBER].max(1));
-        let least = i64::from(definition.values[LEAST]);
-        if steps > 0 && least * patience <= play {
-            return Err(Error::swallowed(axis, least, play / patience + 1));
+        // of a definition no value is beyond 2^30
+        let play = steps_to_units(steps.into(), self.law().step_q32(axis.index())).min(1 << 28) as u32;
+        let value = |slot: usize| definition.values[slot].unsigned_abs().max(1);
+        let (least, range) = (value(LEAST), value(RANGE));
+        let enough = play / value(NUMBER) + 1;
+        let by_range = least >= enough;
+        // whole steps to either side of where it begins
+        let (value, bound) = if by_range { (range, 2 * (play / least + 1) * least) } else { (least, enough) };
+        if steps > 0 && value < bound {
+            return Err(Error::swallowed(axis, value.into(), bound.into()));
         }
         Ok(())
     }
