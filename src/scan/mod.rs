@@ -16,6 +16,8 @@ pub const SCAN_AXES: usize = 3;
 pub const LINES: usize = 64;
 /// Most turns of a spiral.
 pub const TURNS: i32 = 64;
+/// Least points of a parabola: three are on one whatever they are, and with fewer than five noise looks curved too often.
+pub const LEAST_POINTS: i32 = 5;
 /// Most points of a parabola.
 pub const POINTS: i32 = 101;
 /// Most steps without gain in a climb.

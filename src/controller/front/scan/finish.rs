@@ -150,6 +150,8 @@ impl Front {
             // the greatest sample, for whoever wants to look there again
             (scan.outcome.level, scan.place) = scan.best;
             scan.tell_position();
+        } else {
+            scan.fails = Some(NO_SAMPLES);
         }
         self.conclude();
     }
@@ -190,6 +192,7 @@ impl super::Scan {
     }
 }
 
+pub(super) const NO_SAMPLES: &str = "no samples of the power inputs";
 const NO_LIGHT: &str = "no light above the threshold";
 const TOO_MUCH: &str = "power saturated";
 

@@ -97,9 +97,15 @@ impl Front {
         let axis = definition.axis(along as usize);
         let own = &self.settings.axes[axis.index()];
         // a pitch in the time of a mean, at most the speed of the axis
-        let average = u64::from(self.settings.sense[definition.channel()].average);
-        let pitch = u64::from(values[PITCH].unsigned_abs()) * 1_000_000_000;
-        let velocity = pitch.checked_div(SEGMENT_NS * average).unwrap_or(0).min(own.velocity).max(1);
+        let sense = &self.settings.sense[definition.channel()];
+        let (mut pitch, mut time) = (values[PITCH], SEGMENT_NS * u64::from(sense.average));
+        if spiral {
+            // its sides have no run-up: each gives a mean, and loses less than half a pitch to a late meter
+            pitch = pitch.min(values[STEP]);
+            time = time.max(2 * u64::from(sense.delay_ns));
+        }
+        let pitch = u64::from(pitch.unsigned_abs()) * 1_000_000_000;
+        let velocity = pitch.checked_div(time).unwrap_or(0).min(own.velocity).max(1);
         let half = definition.sign() * (values[RANGE] / 2);
         let mut leg =
             Leg { along: along as u8, motor: axis.index() as u8, from: -half, to: half, velocity, ..Leg::NONE };
