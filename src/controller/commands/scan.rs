@@ -4,7 +4,7 @@ use super::sense::{NOT_A_NUMBER, answer as answer_level};
 use crate::controller::front::Front;
 use crate::error::{Error, ErrorNumber};
 use crate::refill::border::POWER_INPUTS;
-use crate::scan::{self, Definition, Kind, LINES, PATIENCE, POINTS, SCANS, TURNS};
+use crate::scan::{self, Definition, Kind, LEAST_POINTS, LINES, PATIENCE, POINTS, SCANS, TURNS};
 use crate::scpi::params::Params;
 use crate::scpi::parser::Call;
 use crate::scpi::response::Response;
@@ -57,7 +57,7 @@ fn bounds(own: &Definition, slot: usize) -> (Unit, i32, i32) {
     match slot {
         scan::CHANNEL => (Unit::COUNT, 1, POWER_INPUTS as i32),
         scan::NUMBER if own.kind == Kind::Hill => (Unit::COUNT, 1, PATIENCE),
-        scan::NUMBER => (Unit::COUNT, 3, POINTS),
+        scan::NUMBER => (Unit::COUNT, LEAST_POINTS, POINTS),
         scan::THRESHOLD => (Unit::LEVEL, DARK / 1000, BRIGHT / 1000),
         scan::LEAST => (unit, 1, own.values[scan::STEP]),
         // no more lines or turns than there may be

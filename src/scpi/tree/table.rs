@@ -653,7 +653,7 @@ pub const TABLE: &[Entry] = &[
     mask(
         C::ScanParabola,
         "SCAN:DEFine:PARabola",
-        &[SCAN, CHANNEL, AXIS, SCAN_RANGE, param("points", Kind::Integer(3, 101)), THRESHOLD, END, FLANK],
+        &[SCAN, CHANNEL, AXIS, SCAN_RANGE, param("points", Kind::Integer(5, 101)), THRESHOLD, END, FLANK],
         "Points about where the stage stands, measured at rest on one flank.",
     )
     .asked_with(&[SCAN])

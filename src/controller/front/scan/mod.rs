@@ -358,7 +358,7 @@ impl Front {
             Phase::Settling if u64::from(scan.block.count()) >= wanted => self.measured(),
             Phase::Draining | Phase::Settling => {
                 if played > scan.since + wanted + PATIENCE {
-                    self.fail_scan("no samples of the power inputs");
+                    self.fail_scan(finish::NO_SAMPLES);
                 }
             }
             Phase::Crossing => self.found_light(),

@@ -109,16 +109,22 @@ impl Front {
         let axis = definition.axis(along as usize);
         let own = &self.settings.axes[axis.index()];
         // a pitch in the time of a mean, at most the speed of the axis
-        let average = u64::from(self.settings.sense[definition.channel()].average);
-        let pitch = u64::from(values[PITCH].unsigned_abs()) * 1_000_000_000;
-        let velocity = pitch.checked_div(SEGMENT_NS * average).unwrap_or(0).min(own.velocity).max(1);
+        let sense = &self.settings.sense[definition.channel()];
+        let (mut pitch, mut time) = (values[PITCH], SEGMENT_NS * u64::from(sense.average));
+        if spiral {
+            // its sides have no run-up: each gives a mean, and loses less than half a pitch to a late meter
+            pitch = pitch.min(values[STEP]);
+            time = time.max(2 * u64::from(sense.delay_ns));
+        }
+        let pitch = u64::from(pitch.unsigned_abs()) * 1_000_000_000;
+        let velocity = pitch.checked_div(time).unwrap_or(0).min(own.velocity).max(1);
         let half = definition.sign() * (values[RANGE] / 2);
         let mut leg =
             Leg { along: along as u8, motor: axis.index() as u8, from: -half, to: half, velocity, ..Leg::NONE };
         if spiral {
             let [begin, end] = [index, index + 1].map(|n| Definition::corner(n).map(|corner| corner * values[STEP]));
             let k = along as usize & 1;
-            (leg.from, leg.to, leg.beside) = (begin[k], end[k], begin[1 - k]);
+            (leg.from, leg.to, leg.beside) = (begin[k], end[k].min(definition.reach()), begin[1 - k]);
         } else {
             leg.beyond = run_up(velocity, own.acceleration, own.jerk) + self.lag(definition, velocity);
         }
@@ -238,7 +244,7 @@ impl Front {
             let reach = match (definition.kind, n) {
                 (Kind::Line | Kind::Raster, 0) => leg.ends()[1].abs(),
                 (Kind::Raster, _) => -leg.beside,
-                (Kind::Spiral, _) => (definition.turns() + 1).saturating_mul(definition.values[STEP]),
+                (Kind::Spiral, _) => definition.reach(),
                 _ => definition.values[RANGE] / 2,
             };
             let clear = self.clear_way(axis);
@@ -282,7 +288,8 @@ impl Front {
     }
 
     /// # Errors
-    /// -221 when the steps that a climb tries without gain are together not more than the play that is not compensated.
+    /// -221 when the steps that a climb tries without gain are together not more than the play that is not compensated, or
+    /// when its range has no room for more than it.
     fn check_climb(&self, definition: &Definition, axis: Axis) -> Result<(), Error> {
         let own = &self.settings.axes[axis.index()];
         let switches = self.settings.switches;
@@ -294,11 +301,16 @@ impl Front {
             }
             _ => own.backlash_steps(&self.motor(axis)),
         };
-        let play = steps_to_units(steps.into(), self.law().step_q32(axis.index()));
-        let patience = i64::from(definition.values[NUMBER].max(1));
-        let least = i64::from(definition.values[LEAST]);
-        if steps > 0 && least * patience <= play {
-            return Err(Error::swallowed(axis, least, play / patience + 1));
+        // of a definition no value is beyond 2^30
+        let play = steps_to_units(steps.into(), self.law().step_q32(axis.index())).min(1 << 28) as u32;
+        let value = |slot: usize| definition.values[slot].unsigned_abs().max(1);
+        let (least, range) = (value(LEAST), value(RANGE));
+        let enough = play / value(NUMBER) + 1;
+        let by_range = least >= enough;
+        // whole steps to either side of where it begins
+        let (value, bound) = if by_range { (range, 2 * (play / least + 1) * least) } else { (least, enough) };
+        if steps > 0 && value < bound {
+            return Err(Error::swallowed(axis, value.into(), bound.into()));
         }
         Ok(())
     }

@@ -110,10 +110,8 @@ impl Front {
         let (along, beside) = (offset, scan.leg.beside);
         scan.note(reading, if scan.leg.along == 0 { [along, beside, 0] } else { [beside, along, 0] });
         memory.samples.push((along, reading.level()));
-        if scan.definition.values[END] == end::FIRST
-            && scan.outcome.status & status::LIGHT != 0
-            && scan.phase == Phase::Sampling
-        {
+        // the light of the end of a leg may come when it is over
+        if scan.definition.values[END] == end::FIRST && scan.outcome.status & status::LIGHT != 0 {
             scan.phase = Phase::Crossing;
             self.planner.stop_coordinated();
         }
