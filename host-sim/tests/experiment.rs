@@ -144,7 +144,8 @@ fn at(x: f64, beta: f64, motor: i32) -> Snapshot {
 }
 
 fn judged(axis: Axis, way: f64, taken: bool, [best, before, after]: [Snapshot; 3]) -> Mechanisms {
-    let probe = Probe { at: Coordinate { side: Side::Output, axis }, way, pass: 0, taken, best, before, after };
+    let probe =
+        Probe { at: Coordinate { side: Side::Output, axis }, way, climb: 0, pass: 0, taken, best, before, after };
     let log = Log { probes: vec![probe], ..Log::default() };
     mechanisms(&log, &loss, 0.003)
 }
@@ -168,6 +169,27 @@ fn a_reversed_step_that_moved_only_the_motor_is_named_a_trap() {
 }
 
 #[test]
+fn a_trap_on_the_way_is_not_one_at_the_end() {
+    let (best, up, down) = (at(1000.0, 0.0, 20), at(1100.0, 0.0, 22), at(1100.0, 0.0, 18));
+    let caught = |climb, pass| Probe {
+        at: Coordinate { side: Side::Output, axis: Axis::X },
+        way: -0.1,
+        climb,
+        pass,
+        taken: false,
+        best,
+        before: up,
+        after: down,
+    };
+    // the last climb has one pass, as each one has that went back to the peak after a turn
+    let free = |climb, pass| Probe { after: at(900.0, 0.0, 18), ..caught(climb, pass) };
+    let judged = |probes| mechanisms(&Log { probes, ..Log::default() }, &loss, 0.003).trapped_in_play;
+    assert!(!judged(vec![caught(4, 0), free(5, 0)]), "an earlier climb");
+    assert!(!judged(vec![caught(5, 0), free(5, 1)]), "an earlier pass");
+    assert!(judged(vec![free(4, 0), caught(5, 0), free(5, 0)]));
+}
+
+#[test]
 fn a_turn_that_is_judged_by_the_way_of_the_fibre_point_is_named_confounding() {
     let degree = 1e9_f64.to_radians();
     let tilted = at(0.0, degree, 0);
@@ -186,6 +208,7 @@ fn a_turn_that_is_judged_by_the_way_of_the_fibre_point_is_named_confounding() {
     let probe = |after| Probe {
         at: Coordinate { side: Side::Output, axis: Axis::Beta },
         way: 0.1,
+        climb: 0,
         pass: 0,
         taken: false,
         best: tilted,

@@ -36,6 +36,9 @@ pub struct Probe {
     pub at: Coordinate,
     /// Commanded way from the best place, um or degrees.
     pub way: f64,
+    /// Of which climb over two coordinates, from 0 in the order in which they begin: an angle climb has several, and a
+    /// re-peaked one has others within.
+    pub climb: usize,
     /// The pass, from 0 in each climb.
     pub pass: usize,
     /// There was more light than at the best place.
@@ -57,6 +60,8 @@ pub struct Log {
     pub moves: usize,
     /// Readings of the light.
     pub readings: usize,
+    /// Climbs begun.
+    pub climbs: usize,
     /// After every turn it went back to the peak in x and y.
     pub repeaked: bool,
 }
@@ -64,12 +69,9 @@ pub struct Log {
 impl Log {
     /// Probes of the last pass of the last climb in x and y.
     pub fn last_lateral(&self) -> impl Iterator<Item = &Probe> {
-        let lateral = |probe: &&Probe| !probe.at.axis.is_rotary();
-        let last = self.probes.iter().rev().find(lateral).map(|probe| probe.pass);
-        // backwards to where the pass began
-        let tail =
-            self.probes.iter().rev().take_while(move |probe| !probe.at.axis.is_rotary() && Some(probe.pass) == last);
-        tail.collect::<Vec<_>>().into_iter().rev()
+        let lateral = || self.probes.iter().filter(|probe| !probe.at.axis.is_rotary());
+        let last = lateral().next_back().map(|probe| (probe.climb, probe.pass));
+        lateral().filter(move |probe| Some((probe.climb, probe.pass)) == last)
     }
 
     /// Probes of angles right after the turn; none where it went back to the peak first.
@@ -161,11 +163,13 @@ impl<'a, B: Witness> Climber<'a, B> {
     }
 
     fn climb_over(&mut self, sides: &[Side], axes: [Axis; 2], step: f64) -> Result<(), BusError> {
+        let climb = self.log.climbs;
+        self.log.climbs += 1;
         let mut level = self.read()?.0;
         for pass in 0..MOST_PASSES {
             for &side in sides {
                 for axis in axes {
-                    self.along(Coordinate { side, axis }, step, pass)?;
+                    self.along(Coordinate { side, axis }, step, [climb, pass])?;
                 }
             }
             let now = self.read()?.0;
@@ -177,8 +181,8 @@ impl<'a, B: Witness> Climber<'a, B> {
         Ok(())
     }
 
-    /// To the best place along one coordinate.
-    fn along(&mut self, at: Coordinate, step: f64, pass: usize) -> Result<(), BusError> {
+    /// To the best place along one coordinate, in this climb and pass.
+    fn along(&mut self, at: Coordinate, step: f64, [climb, pass]: [usize; 2]) -> Result<(), BusError> {
         let (mut level, mut best) = self.read()?;
         let (mut before, mut here) = (best, 0.0);
         // counted in whole steps, so that nothing adds up
@@ -191,7 +195,7 @@ impl<'a, B: Witness> Climber<'a, B> {
                 self.go(at, (next - here) * step)?;
                 let (now, after) = self.read()?;
                 let taken = now > level;
-                self.log.probes.push(Probe { at, way: (next - top) * step, pass, taken, best, before, after });
+                self.log.probes.push(Probe { at, way: (next - top) * step, climb, pass, taken, best, before, after });
                 (here, before) = (next, after);
                 if taken {
                     (level, best, top, misses) = (now, after, next, 0);
