@@ -60,6 +60,8 @@ pub struct Log {
     pub moves: usize,
     /// Readings of the light.
     pub readings: usize,
+    /// What it is at, or was in the end.
+    pub step: &'static str,
     /// Climbs begun.
     pub climbs: usize,
     /// After every turn it went back to the peak in x and y.
@@ -87,6 +89,7 @@ impl Log {
 pub fn climb<B: Witness>(bus: &mut B, setup: &[String], step_um: f64, log: &mut Log) -> Result<(), BusError> {
     let mut climber = Climber::new(bus, log, 1);
     climber.prepare(setup)?;
+    climber.log.step = "x and y";
     climber.passes([Axis::X, Axis::Y], step_um)
 }
 
@@ -98,15 +101,19 @@ pub fn climb<B: Witness>(bus: &mut B, setup: &[String], step_um: f64, log: &mut 
 pub fn angle_climb<B: Witness>(bus: &mut B, setup: &[String], repeak: bool, log: &mut Log) -> Result<(), BusError> {
     let mut climber = Climber::new(bus, log, 1);
     climber.prepare(setup)?;
+    climber.log.step = "x and y";
     climber.passes([Axis::X, Axis::Y], FREE_STEP_UM)?;
+    climber.log.step = "pitch and yaw";
     climber.repeak = repeak;
     climber.log.repeaked = repeak;
     climber.passes([Axis::Alpha, Axis::Beta], ANGLE_STEP_DEG)?;
     climber.repeak = false;
+    climber.log.step = "gap";
     for side in Side::BOTH {
         let along = climber.bus.gap_um(side) - GAP_UM;
         climber.step(Coordinate { side, axis: Axis::Z }, along)?;
     }
+    climber.log.step = "x and y at the gap";
     climber.passes([Axis::X, Axis::Y], FREE_STEP_UM)
 }
 
@@ -124,6 +131,7 @@ impl<'a, B: Witness> Climber<'a, B> {
     }
 
     fn prepare(&mut self, setup: &[String]) -> Result<(), BusError> {
+        self.log.step = "setup";
         for side in Side::BOTH {
             let mut controller = Controller::new(self.bus, side);
             controller.run(&setup.join(";:"), 1.0)?;
