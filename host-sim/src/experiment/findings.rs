@@ -65,11 +65,19 @@ fn db(value: Option<f64>) -> String {
 
 /// A median and its interval.
 fn span(median: Option<f64>, interval: &Interval, decimals: usize) -> String {
-    let ends = match (interval.low, interval.high) {
-        (None, None) => String::new(),
-        (low, high) => format!(" ({} to {})", number(low, decimals), number(high, decimals)),
-    };
+    let ends = ends(interval, decimals).map_or(String::new(), |ends| format!(" ({ends})"));
     format!("{}{ends}", number(median, decimals))
+}
+
+/// The ends of an interval; none where it has none.
+pub(super) fn ends(interval: &Interval, decimals: usize) -> Option<String> {
+    let text = |end| number(Some(end), decimals);
+    match (interval.low, interval.high) {
+        (Some(low), Some(high)) => Some(format!("{} to {}", text(low), text(high))),
+        (Some(low), None) => Some(format!("above {}", text(low))),
+        (None, Some(high)) => Some(format!("below {}", text(high))),
+        (None, None) => None,
+    }
 }
 
 /// Gain of a search with a compensation against none, with its interval.

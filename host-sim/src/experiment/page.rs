@@ -43,7 +43,7 @@ fn names() -> Vec<(String, &'static str)> {
 /// Those of which the gain is drawn; said of which it is chance.
 fn acting() -> Vec<(String, &'static str)> {
     let chance = |mode: Mode| match mode {
-        Mode::Coupling => "cross-coupling (can not act here: chance)",
+        Mode::Coupling => "coupling (can not act here: chance)",
         Mode::Pivot => "rotation centre (can not act here: chance)",
         other => other.words(),
     };
@@ -122,7 +122,7 @@ fn gains(e: &Experiment) -> Section {
             (legend(Swatch::Curve, &acting()))
             (plots::gains(e))
             figcaption { "By how much the worst channel is better than on the same bench without compensation. Dots: medians; thick lines: their 95 % intervals (of 6 benches or more); thin lines: from the 10th to the 90th percentile (of 10 or more). \
-                The points of one step are drawn beside each other, at the step and to both sides of it. Cross-coupling and rotation centre have nothing to correct in these climbs: their spread is what chance does." }
+                The points of one step are drawn beside each other, to both sides of it. Coupling and rotation centre have nothing to correct in these climbs: their spread is what chance does." }
         }
     };
     Section { id: "gains", title: "Step of the climb against gain", body }
@@ -141,15 +141,13 @@ fn times(e: &Experiment) -> Section {
 
 fn every(e: &Experiment) -> Section {
     let body = html! {
-        (caption("table", "Medians and 90th percentiles over all benches. Gain: against no compensation on the same bench, with the 95 % interval of its median; better / worse: benches on which \
-            the worst channel has less, more loss; a gain or a loss is one whose interval lies beside 0. Where a compensation can not act, the difference is chance: messages of another length, and with them other noise of the meter. \
-            The mechanisms are told from the truth of the twin, run by run."))
+        (caption("table", "Medians and 90th percentiles over all benches. The mechanisms are told from the truth of the twin, run by run."))
         div.wide { table.dense {
             thead {
                 tr { th rowspan="2" { "Search" } th.left rowspan="2" { "on" } th colspan="2" { "above optimum, dB" } th colspan="2" { "uniformity above optimum\u{2019}s, dB" }
-                    th colspan="4" { "gain, dB" } th colspan="2" { "time, s" } th rowspan="2" { "trapped in play" } th rowspan="2" { "pivot con\u{ad}founding" }
+                    th colspan="2" { "time, s" } th rowspan="2" { "trapped in play" } th rowspan="2" { "pivot con\u{ad}founding" }
                     th.left rowspan="2" { "failed" } }
-                tr { @for _ in 0..2 { th { "median" } th { "90 %" } } th { "median" } th { "95 %" } th { "better / worse" } th.left { "says" } th { "median" } th { "90 %" } }
+                tr { @for _ in 0..3 { th { "median" } th { "90 %" } } }
             }
             tbody {
                 @for group in &e.groups {
@@ -157,11 +155,27 @@ fn every(e: &Experiment) -> Section {
                         th { @if group.compensation == Mode::None { (group.of.words()) } }
                         td.left.words { (group.compensation.words()) }
                         @for q in [group.above_optimum_db, group.uniformity_above_optimum_db] { td { (number(q.median, 3)) } td { (number(q.p90, 3)) } }
-                        @let [gain, interval, count, says] = gained(group);
-                        td { (gain) } td.words { (interval) } td.words { (count) } td.left.words { (says) }
                         td { (number(group.seconds.median, 1)) } td { (number(group.seconds.p90, 1)) }
                         @for told in mechanisms(group) { td { (told) } }
                         td.left.words { (failures(group)) }
+                    }
+                }
+            }
+        } }
+    };
+    let body = html! {
+        (body)
+        (caption("table", "What the worst channel gains against no compensation on the same bench, with the 95 % interval of the median; better / worse: benches on which it has less, more loss; \
+            a gain or a loss is one whose interval lies beside 0. Where a compensation can not act, the difference is chance: messages of another length, and with them other noise of the meter."))
+        div.wide { table.dense {
+            thead { tr { th { "Search" } th.left { "on" } th { "gain, dB" } th { "95 % interval" } th { "better / worse" } th.left { "says" } } }
+            tbody {
+                @for group in e.groups.iter().filter(|group| group.compensation != Mode::None) {
+                    @let [gain, interval, count, says] = gained(group);
+                    tr {
+                        th { @if group.compensation == Mode::ALL[1] { (group.of.words()) } }
+                        td.left.words { (group.compensation.words()) }
+                        td { (gain) } td.words { (interval) } td.words { (count) } td.left.words { (says) }
                     }
                 }
             }

@@ -1,6 +1,6 @@
 //! The tables as Markdown, in the form of Tables 7 and 8 of the paper, and what stands behind them.
 
-use super::findings::seen;
+use super::findings::{ends, seen};
 use super::statistics::{Group, Quantiles};
 use super::{Experiment, Search};
 use crate::report::Mode;
@@ -47,13 +47,10 @@ pub(super) fn mechanisms(group: &Group) -> [String; 2] {
 /// Gain with its interval, benches that are better and worse, and what that says; empty of `none`, which is compared with.
 pub(super) fn gained(group: &Group) -> [String; 4] {
     let Some(verdict) = group.gain_verdict else { return Default::default() };
-    let (interval, [better, worse]) = (group.gain_interval_db, group.better_worse);
+    let [better, worse] = group.better_worse;
     [
         number(group.gain_db.median, 3),
-        match (interval.low, interval.high) {
-            (None, None) => number(None, 2),
-            (low, high) => format!("{} to {}", number(low, 2), number(high, 2)),
-        },
+        ends(&group.gain_interval_db, 2).unwrap_or_else(|| number(None, 2)),
         format!("{better} / {worse}"),
         if group.can_act { seen(verdict).into() } else { "can not act: chance".into() },
     ]
