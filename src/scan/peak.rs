@@ -306,8 +306,8 @@ mod tests {
         }
         assert!(found < 25, "{found} of 500");
         let mut few = |count: i32| {
-            let noise = |n| (100 * n, -60_000_000 + (500_000.0 * normal(&mut random)) as i32);
-            (0..2000).filter(|_| !find(&mut (0..count).map(noise).collect::<Vec<_>>()).unwrap().edge).count()
+            let mut noise = |n| (100 * n, -60_000_000 + (500_000.0 * normal(&mut random)) as i32);
+            (0..2000).filter(|_| !find(&mut (0..count).map(&mut noise).collect::<Vec<_>>()).unwrap().edge).count()
         };
         let found = [3, 4, LEAST_POINTS, 7, 9].map(&mut few);
         assert!(found[0] > 500 && found[2..].iter().all(|n| *n < 60), "{found:?} of 2000");
