@@ -12,6 +12,7 @@ use serde_json::Value;
 use stage_controller::units::Axis;
 use std::path::Path;
 use std::process::Command;
+use std::sync::OnceLock;
 
 /// Benches of a comparison: fewer while debugging.
 fn benches() -> std::ops::RangeInclusive<u64> {
@@ -20,14 +21,19 @@ fn benches() -> std::ops::RangeInclusive<u64> {
     1..=count
 }
 
+/// What the controllers of a bench believe, and its optimum: made once for all tests.
+fn prepared(seed: u64) -> &'static Prepared {
+    static BENCHES: [OnceLock<Prepared>; 13] = [const { OnceLock::new() }; 13];
+    BENCHES[seed as usize].get_or_init(|| Prepared::new(seed).expect("the stage can be calibrated"))
+}
+
 /// Runs of some searches and compensations on some benches, in the order of searches, compensations, seeds.
 fn runs(seeds: std::ops::RangeInclusive<u64>, searches: &[Search], modes: &[Mode]) -> Vec<Run> {
-    let prepared: Vec<Prepared> =
-        seeds.into_par_iter().map(|seed| Prepared::new(seed).expect("the stage can be calibrated")).collect();
+    let prepared: Vec<&Prepared> = seeds.map(prepared).collect();
     let plan: Vec<(Search, Mode, &Prepared)> = searches
         .iter()
         .flat_map(|search| modes.iter().map(move |mode| (*search, *mode)))
-        .flat_map(|(search, mode)| prepared.iter().map(move |prepared| (search, mode, prepared)))
+        .flat_map(|(search, mode)| prepared.iter().map(move |prepared| (search, mode, *prepared)))
         .collect();
     plan.par_iter().map(|(search, mode, prepared)| Run::new(prepared, *search, *mode).unwrap()).collect()
 }
@@ -64,7 +70,9 @@ fn every_search_of_a_seed_has_the_same_stages_and_the_same_optimum() {
 
 #[test]
 fn with_backlash_compensation_no_climb_is_trapped_in_play() {
-    let searches = STEPS_UM.map(climb);
+    let play_um = 0.3;
+    let searches: Vec<Search> = STEPS_UM.into_iter().filter(|step| *step <= play_um).map(climb).collect();
+    assert_eq!(searches.len(), 3, "above the play none is trapped without it either");
     let runs = runs(benches(), &searches, &[Mode::Backlash, Mode::All]);
     for search in searches {
         for mode in [Mode::Backlash, Mode::All] {
@@ -77,7 +85,7 @@ fn with_backlash_compensation_no_climb_is_trapped_in_play() {
 fn a_trapped_climb_rests_inside_the_play_and_a_longer_step_would_have_brought_light() {
     let mut seen = 0;
     for seed in benches() {
-        let prepared = Prepared::new(seed).unwrap();
+        let prepared = prepared(seed);
         for step_um in [0.1, 0.2] {
             let bench = bench(seed, climb(step_um));
             let noise_db = bench.options().meter.noise_db;
@@ -119,14 +127,13 @@ fn a_trapped_climb_rests_inside_the_play_and_a_longer_step_would_have_brought_li
 
 #[test]
 fn coupling_and_rotation_centre_have_nothing_to_do_in_a_climb_over_x_and_y() {
-    let runs = runs(1..=2, &[climb(0.2), climb(0.5)], &[Mode::Coupling, Mode::Pivot]);
-    for search in [climb(0.2), climb(0.5)] {
-        for (coupling, pivot) in of(&runs, search, Mode::Coupling).iter().zip(of(&runs, search, Mode::Pivot)) {
-            assert_eq!(coupling.losses_db, pivot.losses_db, "messages as long, nothing corrected: the same to the bit");
-        }
-        assert!(!search.is_touched_by(Mode::Coupling) && !search.is_touched_by(Mode::Pivot));
-        assert!(search.is_touched_by(Mode::Backlash) && search.is_touched_by(Mode::All));
+    let search = climb(0.2);
+    let runs = runs(1..=2, &[search], &[Mode::Coupling, Mode::Pivot]);
+    for (coupling, pivot) in of(&runs, search, Mode::Coupling).iter().zip(of(&runs, search, Mode::Pivot)) {
+        assert_eq!(coupling.losses_db, pivot.losses_db, "messages as long, nothing corrected: the same to the bit");
     }
+    assert!(!search.is_touched_by(Mode::Coupling) && !search.is_touched_by(Mode::Pivot));
+    assert!(search.is_touched_by(Mode::Backlash) && search.is_touched_by(Mode::All));
     assert!(Mode::ALL[1..].iter().all(|mode| Search::AngleClimb.is_touched_by(*mode)));
 }
 
@@ -153,8 +160,7 @@ fn an_angle_climb_is_confounded_where_the_rotation_centre_is_off_and_never_with_
 fn the_robust_search_with_everything_on_comes_within_a_tenth_of_a_decibel() {
     let runs = runs(benches(), &[Search::Robust], &[Mode::All]);
     for run in &runs {
-        assert_eq!(run.failure, None, "seed {}", run.seed);
-        assert!(run.clearance_um >= 10.0, "seed {}: {} um", run.seed, run.clearance_um);
+        assert_eq!(run.failure, None, "seed {}: {} um from the chip", run.seed, run.clearance_um);
         assert!(run.above_optimum_db > -0.02, "nothing is much better than the optimum: seed {}", run.seed);
     }
     let mut above: Vec<f64> = runs.iter().map(|run| run.above_optimum_db).collect();
@@ -319,7 +325,8 @@ fn the_command_writes_one_page_and_one_object_of_the_same_figures() {
     let again = runs(1..=1, &[Search::Robust, climb(0.2)], &[Mode::None, Mode::All]);
     for run in again {
         let printed = json["runs"].as_array().unwrap().iter();
-        let run = serde_json::to_value(run).unwrap();
+        // through the same text: what reads it back rounds
+        let run: Value = serde_json::from_str(&serde_json::to_string(&run).unwrap()).unwrap();
         let mut same =
             printed.filter(|other| ["search", "compensation", "seed"].iter().all(|key| other[key] == run[key]));
         assert_eq!(same.next(), Some(&run));

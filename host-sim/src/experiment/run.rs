@@ -31,6 +31,7 @@ impl Prepared {
     ///
     /// # Errors
     /// When the measurements do not tell all constants.
+    #[inline(never)]
     pub fn new(seed: u64) -> Result<Self, String> {
         // stages, chip and array do not depend on the start; neither does the optimum, which is sought from the chip
         let bench = bench(seed, Search::Robust);
@@ -101,6 +102,8 @@ impl Run {
     ///
     /// # Errors
     /// When the controllers refuse the calibration.
+    // inlined, the bench would lie on the stack of each level of whoever shares the runs out among the cores
+    #[inline(never)]
     pub fn new(prepared: &Prepared, search: Search, mode: Mode) -> Result<Self, String> {
         let bench = bench(prepared.seed, search);
         let mut lab = Lab::new(bench, &prepared.calibrated, prepared.seed)?;
