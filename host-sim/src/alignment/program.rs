@@ -171,9 +171,10 @@ impl<'a, B: Bus> Program<'a, B> {
     /// Light, far enough from the chip to turn.
     pub(super) fn draw_back(&mut self) -> Result<(), Trouble> {
         for side in Side::BOTH {
-            let setup = self.options.setup.join(";:");
             self.at(side).clear()?;
-            self.at(side).run(&setup, 1.0)?;
+            for message in &self.options.setup {
+                self.at(side).set_up(message)?;
+            }
         }
         self.average(SCAN_AVERAGE)?;
         self.look_at_ends();
