@@ -203,7 +203,7 @@ impl<'a, B: Bus> Program<'a, B> {
     /// All steps; the levels of all channels in the end.
     fn run(&mut self) -> Result<Vec<f64>, Trouble> {
         self.draw_back()?;
-        self.angles()?;
+        self.angles(true)?;
         self.roll()?;
         // a fibre without light is told before anything approaches the chip
         self.channels()?;
@@ -307,8 +307,9 @@ impl<'a, B: Bus> Program<'a, B> {
         Err(Trouble::Nowhere { from, searched, search_um: self.options.search_um, least_dbm: light_dbm })
     }
 
-    /// Pitch and yaw of both sides with the pivots held.
-    pub(super) fn angles(&mut self) -> Result<(), Trouble> {
+    /// Pitch and yaw of both sides with the pivots held; where these are not known yet (`centred` is false) as well as it
+    /// goes.
+    pub(super) fn angles(&mut self, centred: bool) -> Result<(), Trouble> {
         let (optics, step) = (self.options.optics, self.options.angle_deg);
         let gap_um = self.options.retreat_um + BEGIN_UM;
         let bend_db = 2.0 * optics.angle_db(gap_um) * step.to_radians().powi(2);
@@ -316,16 +317,17 @@ impl<'a, B: Bus> Program<'a, B> {
             let (mut level, mut most) = (0.0, 0.0_f64);
             for axis in [Axis::Alpha, Axis::Beta] {
                 let knobs = Side::BOTH.map(|side| Knob { side, axis });
-                let (probe, _) = self.turn_past_peak(knobs, step, optics.overturn(gap_um))?;
+                let (probe, _) =
+                    self.turn_past_peak(knobs, step, if centred { optics.overturn(gap_um) } else { 1.0 })?;
                 level = probe.levels_dbm[0];
                 let times = probe.bend_db(0) / bend_db;
-                if times > ASTRAY {
+                if centred && times > ASTRAY {
                     return Err(Trouble::Astray { around: format!("{axis:?}").to_lowercase(), times });
                 }
                 most = most.max(times);
             }
             self.done("pitch and yaw", Some(level));
-            if most < STAYS || round == ROUNDS {
+            if !centred || most < STAYS || round == ROUNDS {
                 break;
             }
             // where the fibre goes aside as it turns, its peak is not where it stands straight: that comes by and by
