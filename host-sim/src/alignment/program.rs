@@ -35,6 +35,9 @@ pub struct Options {
     pub corner_um: [[f64; 2]; 2],
     /// Half of the way over which angles are probed, degrees.
     pub angle_deg: f64,
+    /// Where turns take the fibre aside, so that they tell no angle: pitch and yaw stay as they were found, which may be
+    /// off by so much, degrees, and the faces stay so much farther apart. None: it ends there.
+    pub untold_deg: Option<f64>,
     /// There is a large-area detector behind the chip: the input is brought to its light first, alone.
     pub detector: bool,
     /// What is sent to each controller first: its compensation, its inputs.
@@ -52,6 +55,7 @@ impl Default for Options {
             gap_um: 10.0,
             corner_um: [[900.0, 750.0], [2125.0, 850.0]],
             angle_deg: 0.35,
+            untold_deg: None,
             detector: false,
             setup: ["SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US", "SENS2:INP LOG,20,-60;RANG 2.9;DEL 36 US"]
                 .map(String::from)
@@ -150,12 +154,23 @@ pub(super) struct Program<'a, B> {
     pub(super) sees: [Sees; 2],
     /// Z of both stages after they were drawn back, um, since then.
     pub(super) back_um: [Option<f64>; 2],
+    /// What pitch and yaw may be off, rad.
+    tilt_rad: f64,
 }
 
 impl<'a, B: Bus> Program<'a, B> {
     pub(super) fn new(bus: &'a mut B, options: &'a Options, watch: &'a mut dyn FnMut(&Step)) -> Self {
         let (began, sees) = (bus.seconds(), [Sees::Fibre(0), Sees::Fibre(options.optics.channels - 1)]);
-        Program { bus, options, began, steps: Vec::new(), watch, sees, back_um: [None; 2] }
+        Program {
+            bus,
+            options,
+            began,
+            steps: Vec::new(),
+            watch,
+            sees,
+            back_um: [None; 2],
+            tilt_rad: DEVIATIONS * ANGLE_RAD,
+        }
     }
 
     pub(super) fn at(&mut self, side: Side) -> Controller<'_, B> {
@@ -203,7 +218,7 @@ impl<'a, B: Bus> Program<'a, B> {
     /// All steps; the levels of all channels in the end.
     fn run(&mut self) -> Result<Vec<f64>, Trouble> {
         self.draw_back()?;
-        self.angles(true)?;
+        self.pitch_and_yaw()?;
         self.roll()?;
         // a fibre without light is told before anything approaches the chip
         self.channels()?;
@@ -307,6 +322,28 @@ impl<'a, B: Bus> Program<'a, B> {
         Err(Trouble::Nowhere { from, searched, search_um: self.options.search_um, least_dbm: light_dbm })
     }
 
+    /// Pitch and yaw, or as they were found where turns do not tell them.
+    fn pitch_and_yaw(&mut self) -> Result<(), Trouble> {
+        let mut found = [[0.0; 6]; 2];
+        for side in Side::BOTH {
+            found[side.index()] = self.at(side).pose()?;
+        }
+        let (trouble, untold_deg) = match (self.angles(true), self.options.untold_deg) {
+            (
+                Err(trouble @ (Trouble::Astray { .. } | Trouble::Dark { .. } | Trouble::NoPeak { .. })),
+                Some(untold_deg),
+            ) => (trouble, untold_deg),
+            (turned, _) => return turned,
+        };
+        for side in Side::BOTH {
+            let pose = self.at(side).pose()?;
+            self.at(side).move_by(std::array::from_fn(|i| found[side.index()][i] - pose[i]))?;
+        }
+        self.tilt_rad = self.tilt_rad.max(untold_deg.to_radians());
+        self.done(format!("pitch and yaw stay as they were found: {trouble}"), None);
+        self.peaks("peaks where it began to turn")
+    }
+
     /// Pitch and yaw of both sides with the pivots held; where these are not known yet (`centred` is false) as well as it
     /// goes.
     pub(super) fn angles(&mut self, centred: bool) -> Result<(), Trouble> {
@@ -363,11 +400,9 @@ impl<'a, B: Bus> Program<'a, B> {
     /// Goes as near as is wanted: half of the way, and then the rest, each as far as was measured just before.
     fn gap(&mut self, side: Side) -> Result<(), Trouble> {
         let far = self.measure(side)?;
-        let [x, y] = self.options.corner_um[side.index()];
-        let wanted = |fall: &Fall| {
-            let corner = x.hypot(y) * ANGLE_RAD;
-            self.options.gap_um + DEVIATIONS * corner.hypot(fall.um_per_db * LEVEL_DB)
-        };
+        let ([x, y], tilt_rad) = (self.options.corner_um[side.index()], self.tilt_rad);
+        let wanted =
+            |fall: &Fall| self.options.gap_um + (x.hypot(y) * tilt_rad).hypot(DEVIATIONS * fall.um_per_db * LEVEL_DB);
         let (left_um, wanted_um) = (far.gap_um, wanted(&far));
         let way = 0.5 * (left_um - wanted_um);
         self.along(side, way)?;

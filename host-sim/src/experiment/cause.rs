@@ -104,11 +104,16 @@ fn cause(trouble: &Trouble) -> String {
         Trouble::Bus(BusError::Calibration { side, .. }) => {
             format!("the calibration of the {} side could not be loaded", name(*side))
         }
+        Trouble::Bus(BusError::NoCommand { .. }) => "a set-up message was no command".into(),
         Trouble::Nowhere { .. } => "no light was found".into(),
         Trouble::Dark { .. } => "the light was lost".into(),
         Trouble::Saturated { .. } => "the meter was saturated".into(),
         Trouble::Unsteady { .. } => "the light did not stand still".into(),
         Trouble::NoPeak { around, .. } => format!("no peak that could be believed of {around}"),
+        Trouble::Astray { around, .. } => {
+            format!("a turn took the fibre aside, about {}", without_figures(around))
+        }
+        Trouble::Way { side, .. } => format!("the {} side did not come as near as it went", name(*side)),
         Trouble::Gap { side, reason, .. } => format!("the gap of the {} side was not told: {reason}", name(*side)),
     }
 }

@@ -155,6 +155,8 @@ impl Run {
 fn go(lab: &mut Lab, search: Search, mode: Mode, log: &mut Log) -> (Result<(), Failure>, f64) {
     let mut options = alignment::Options::default();
     options.setup.extend(switches(mode));
+    // without the rotation centre turns may tell nothing: what the start leaves is known
+    options.untold_deg = Some(search.start().angle_deg);
     let end = match search {
         Search::Climb { step_um } => climb(lab, &options.setup, step_um, log),
         Search::AngleClimb => angle_climb(lab, &options.setup, false, log),
