@@ -199,9 +199,7 @@ mod tests {
             let mut poses = best;
             poses[1][axis] += way;
             // at the gap of the optimum, or as far back as wanted
-            for side in 0..2 {
-                poses[side][2] -= 12_000.0;
-            }
+            poses.iter_mut().for_each(|pose| pose[2] -= 12_000.0);
             what_is_left(&bench, 0, &poses, &optimum)
         };
         assert_eq!(moved(0, 3_000.0), "beside the peak in x and y");

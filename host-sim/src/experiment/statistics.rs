@@ -11,7 +11,7 @@ use serde::Serialize;
 pub const ENOUGH_FOR_PERCENTILES: usize = 10;
 
 /// Median, 10th and 90th percentile; none where it lies among runs without an end, and no 10th and 90th of fewer than
-/// [`ENOUGH_FOR_PERCENTILES`] values.
+/// ten values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quantiles {
     /// 10th percentile.
