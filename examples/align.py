@@ -2,10 +2,10 @@
 """Aligns a fibre, a 1x8 splitter chip and a fibre array: two stage controllers and a power meter, over VISA alone.
     align.py [VISA names of input side, output side and meter; without them those of `host-sim serve --bench`]
     align.py PRLGX-TCPIP::127.0.0.1::1234::INTFC GPIB0::5::INSTR GPIB0::6::INSTR GPIB0::7::INSTR
-Lengths in um, angles in degrees, powers in dBm. Of the optics it knows what data sheets say."""
+Lengths in um, angles in degrees, powers in dBm. Of the optics it knows the pitch alone."""
 import math, statistics, sys, pyvisa
 
-PITCH, REACH = 250, 152.3  # of the fibres, towards -x; gap that costs 3 dB: pi n (w1^2 + w2^2) / wavelength
+PITCH = 250  # of the fibres, towards -x
 LASER, DARK, SEARCH = 0, -52, 72  # power in the input fibre; what counts as light, and how wide it is looked for
 BACK, GAP, WAY = 60, 13, 45  # to draw back before anything turns; gap that is wanted; of a step that tells the gap
 
@@ -44,19 +44,20 @@ def along(stage, way):  # the axis of the guides, as the angles say how it lies
     alpha, beta = (math.radians(float(angle)) for angle in stage.query("POSE?").split(",")[3:5])
     move(stage, way * beta, -way * alpha, way)
 
-def approach(stage):  # how far it still is, is told by how the light falls on the way back
-    levels = []
-    for _ in range(4):
-        levels.append(look(1))
-        along(stage, -WAY)
-    def spread(gap):  # of what each level would be without a gap
-        gaps = (gap + n * WAY for n in range(4))
-        return statistics.pstdev(level + 10 * math.log10(1 + (g / REACH) ** 2) for level, g in zip(levels, gaps))
-    gap = min((0.1 * n for n in range(4000)), key=spread)
-    if not GAP < gap < 350 or spread(gap) > 0.02:
-        sys.exit(f"{stage.side} side: {levels} dBm, every {WAY} um, do not tell the gap")
-    along(stage, 4 * WAY + gap - GAP)
-    print(f"{stage.side} side: {gap:.1f} um were left, now {GAP}")
+def approach(stage):  # half of the way, and the rest; how far it is, is told by how the light falls on the way back
+    for share in 0.5, 1:
+        peaks(stage, 4)
+        losses = []  # a parabola over the way; its least value would be where the faces touch
+        for _ in range(4):
+            losses.append(10 ** (-look(1) / 10))
+            along(stage, -WAY)
+        a, b, c, d = losses
+        bend, third = a - b - c + d, d - 3 * c + 3 * b - a
+        gap = WAY * ((3 * (d - a) + c - b) / (5 * bend) - 1.5) if bend > 0 else 0
+        if not GAP < gap < 350 or abs(third) > 0.01 * a:
+            sys.exit(f"{stage.side} side: losses {losses}, every {WAY} um, do not tell the gap")
+        along(stage, 4 * WAY + share * (gap - GAP))
+        print(f"{stage.side} side: {gap:.1f} um were left, now {gap - share * (gap - GAP):.1f}")
 
 names = sys.argv[1:] or [f"TCPIP::127.0.0.1::{port}::SOCKET" for port in (5025, 5026, 5027)]
 ends, manager = dict(write_termination="\n", timeout=60_000), pyvisa.ResourceManager("@py")

@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! A meter puts out a voltage that is proportional to the power (linear) or to its logarithm. The board measures it with
-//! 12 bits: 3.3 V is [`CONVERSION_MAX`], and a sample is the sum of [`CONVERSIONS`] conversions. Levels are whole
+//! 12 bits, of which a step is 3.3 V / 4096 (RM0090, 13.2), and a sample is the sum of [`CONVERSIONS`] conversions. Levels are whole
 //! millionths of a dB, because a fitted peak is finer than any single sample; answers have thousandths. The mean of
 //! several samples is taken of the voltage.
 //!
@@ -14,10 +14,12 @@ use crate::refill::border::{CONVERSION_MAX, CONVERSIONS, POWER_INPUTS};
 use crate::units::wide;
 use serde::{Deserialize, Serialize};
 
-/// A sample at full scale: 3.3 V.
+/// The largest sample: half a step of a conversion below 3.3 V and more.
 pub const FULL_SCALE: u16 = CONVERSION_MAX * CONVERSIONS;
-/// Voltage of full scale, mV.
-pub const FULL_SCALE_MV: i64 = 3300;
+/// A sample that would mean the reference voltage.
+const REFERENCE: u16 = (CONVERSION_MAX + 1) * CONVERSIONS;
+/// That voltage, mV.
+const REFERENCE_MV: i64 = 3300;
 /// Millionths of a dB in a dB.
 pub const DB: i32 = 1_000_000;
 /// The level that stands for no light, millionths of a dBm; also the least one that can be named.
@@ -131,8 +133,8 @@ fn exp2(x_q32: i64) -> u64 {
 
 /// 10 log10 of 2, millionths of a dB in Q12.
 const DB_PER_OCTAVE: i64 = 12_330_188_626;
-/// 10 log10(3.3e-9 / 32760), millionths of a dB: a step of a sample at 1 pW per V, in mW.
-const STEP_OF_A_PICOWATT: i64 = -129_968_299;
+/// 10 log10(3.3e-9 / 32768), millionths of a dB: a step of a sample at 1 pW per V, in mW.
+const STEP_OF_A_PICOWATT: i64 = -129_969_360;
 
 /// Millionths of a dB of a ratio whose log2 is given in Q32.
 fn decibels(log2_q32: i64) -> i64 {
@@ -153,7 +155,7 @@ impl SenseSettings {
             Input::Logarithmic(slope, zero) => {
                 // thousandths of a dB times mV are millionths of a dB: at most 10^5 * 3300 * 2^23
                 let (whole, parts) =
-                    (i64::from(slope) * FULL_SCALE_MV * i64::from(sum), i64::from(count) * i64::from(FULL_SCALE));
+                    (i64::from(slope) * REFERENCE_MV * i64::from(sum), i64::from(count) * i64::from(REFERENCE));
                 i64::from(zero) * 1000 + (whole + parts / 2).div_euclid(parts.max(1))
             }
         };
@@ -216,7 +218,7 @@ mod tests {
     use super::*;
 
     fn exact(input: Input, sum: f64, count: f64) -> f64 {
-        let volts = sum / count / 32760.0 * 3.3;
+        let volts = sum / count / 32768.0 * 3.3;
         match input {
             Input::Linear(gain) => 10.0 * (volts * gain as f64 * 1e-12 / 1e-3).log10(),
             Input::Logarithmic(slope, zero) => f64::from(slope) / 1e3 * volts + f64::from(zero) / 1e3,

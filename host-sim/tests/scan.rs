@@ -39,8 +39,9 @@ fn lines_and_parabolas_find_the_peak_whatever_the_play_does() {
     for seed in 0..40u64 {
         let mut bench = Bench::new(Spot::new([0.0; 3]), seed);
         bench.spot.at = [bench.between(-3000.0, 3000.0), bench.between(-500.0, 500.0), 0.0];
-        let flank = ["POS", "NEG"][seed as usize % 2];
-        bench.good(WAYS[seed as usize / 2 % WAYS.len()]);
+        let way = WAYS[seed as usize / 2 % WAYS.len()];
+        let flank = if way.ends_with("UNIP") { "POS" } else { ["POS", "NEG"][seed as usize % 2] };
+        bench.good(way);
         // anywhere within the play
         let away = bench.between(-3.0, 3.0);
         bench.good(&format!("AXIS1:MOVE:REL {away:.3};*OPC?"));
@@ -116,7 +117,7 @@ fn a_climb_whose_steps_the_play_swallows_is_refused_with_the_least_step_that_wor
     let mut bench = Bench::new(Spot::new([1000.0, 0.0, 0.0]), 1);
     bench.good("SCAN:DEF:HILL 0,1,(@1,2),20,0.4,0.1,1;:COMP:BACK:STAT OFF");
     bench.line("SCAN:STAR 0");
-    assert_eq!(bench.error(), "-221,\"Settings conflict;AXIS1 play takes the step: 0.100 um below 0.301 um\"");
+    assert_eq!(bench.error(), "-221,\"Settings conflict;AXIS1 play takes step or range: 0.100 um below 0.301 um\"");
     assert_eq!(bench.line("SCAN:STAT?"), "IDLE,0");
     // as many steps as it takes, or one that is large enough
     for definition in ["20,0.4,0.1,4", "20,0.4,0.301,1"] {
@@ -134,16 +135,67 @@ fn a_climb_whose_steps_the_play_swallows_is_refused_with_the_least_step_that_wor
 }
 
 #[test]
+fn a_climb_whose_range_the_play_swallows_is_refused_with_the_least_range_that_works() {
+    let mut bench = Bench::new(Spot::new([100.0, 0.0, 0.0]), 1);
+    bench.good("AXIS1:BACK:MODE OFF;:SCAN:DEF:HILL 0,1,(@1),0.28,0.1,0.02,100");
+    bench.line("SCAN:STAR 0");
+    assert_eq!(bench.error(), "-221,\"Settings conflict;AXIS1 play takes step or range: 0.280 um below 0.640 um\"");
+    assert_eq!(bench.line("SCAN:STAT?"), "IDLE,0");
+    bench.good("SCAN:DEF:HILL 0,1,(@1),0.64,0.1,0.02,100;:SCAN:STAR 0");
+    let from = bench.truth()[0];
+    let mut most = 0.0f64;
+    while bench.line("SCAN:STAT?") != "IDLE,0" {
+        bench.run(20);
+        most = most.max((bench.truth()[0] - from).abs());
+    }
+    assert!(most > 15.0, "it moves the stage: {most} nm");
+}
+
+#[test]
+fn a_spiral_stays_within_its_turns() {
+    for (range, step, reach) in [(10, 10, 10.0), (10, 5, 5.0), (11, 4, 8.0)] {
+        let mut bench = Bench::new(Spot::new([0.0; 3]), 1);
+        bench.good(&format!("SENS:AVER 1;:SCAN:DEF:SPIR 2,1,1,2,{range},0.5,{step},20,STAR;:SCAN:STAR 2"));
+        let (mut least, mut most) = ([0.0f64; 2], [0.0f64; 2]);
+        while bench.line("SCAN:STAT?") != "IDLE,0" {
+            bench.run(10);
+            let truth = bench.truth();
+            for n in 0..2 {
+                (least[n], most[n]) = (least[n].min(truth[n] / 1000.0), most[n].max(truth[n] / 1000.0));
+            }
+        }
+        // but for the play, which is taken up before the end
+        let near = |have: f64, want: f64| (have - want).abs() < 0.6;
+        assert!((0..2).all(|n| near(least[n], -reach) && near(most[n], reach)), "{range} {step}: {least:?} {most:?}");
+    }
+}
+
+#[test]
 fn a_late_meter_moves_no_peak() {
-    for late in [0, 4, 40] {
-        let mut bench = Bench::new(Spot::new([1234.0, 0.0, 0.0]), 9);
-        bench.spot.late = late;
-        bench.good(&format!("SENS:AVER 1;DEL {} US", 256 * late));
-        for flank in ["POS", "NEG"] {
-            bench.good(&format!("SCAN:DEF:LINE 0,1,1,16,0.05,-60,STAR,{flank}"));
+    for late in [0, 4, 40, 390] {
+        for (definition, axes, within) in [
+            ("LINE 0,1,1,16,0.05,-60,STAR", 1, 12.0),
+            ("LINE 0,1,1,16,0.05,-60,STAR,NEG", 1, 12.0),
+            ("RAST 0,1,1,2,8,6,0.1,2,-60,STAR", 2, 30.0),
+            // a spiral is as good as half its step, and half a pitch while the meter is late
+            ("SPIR 0,1,1,2,10,0.5,2,-60,STAR", 2, 1250.0),
+            ("SPIR 0,1,1,2,10,9,2,-60,STAR", 2, 2000.0),
+            ("HILL 0,1,(@1,2),8,0.5,0.1,1,-60,STAR", 2, 400.0),
+            ("PAR 0,1,1,8,5,-60,STAR", 1, 12.0),
+        ] {
+            let mut bench = Bench::new(Spot::new([1234.0, 0.0, 0.0]), 9);
+            bench.spot.late = late;
+            bench.good(&format!("SENS:AVER 1;DEL {} US;:SCAN:DEF:{definition}", 256 * late));
             let outcome = bench.scan(0);
-            assert!((outcome.axes[0][0] * 1000.0 - 1234.0).abs() < 12.0, "{late} {flank}: {outcome:?}");
+            println!("{late} {definition}: {outcome:?}");
+            let apart = [1234.0, 0.0].into_iter().zip(&outcome.axes).map(|(at, axis)| (axis[0] * 1000.0 - at).abs());
+            assert!(
+                outcome.axes.len() == axes && apart.fold(0.0, f64::max) < within,
+                "{late} {definition}: {outcome:?}"
+            );
             assert!(bench.truth()[0].abs() < 60.0, "back where it began");
+            // 96 um of spiral, a sample each half um
+            assert!(!definition.contains(",0.5,2,-60") || outcome.samples > 180, "{late} {definition}: {outcome:?}");
         }
     }
 }
@@ -181,7 +233,7 @@ fn heard(interleaving: Interleaving, seed: u64, average: u32) -> Vec<String> {
         "LINE 0,1,1,12,0.2,-40,PEAK",
         "LINE 0,1,2,12,0.2,-40,PEAK,NEG",
         "RAST 0,1,1,2,8,6,0.2,3,-40,STAR",
-        "SPIR 0,1,1,2,8,0.3,2,-40,PEAK",
+        "SPIR 0,1,1,2,12,0.3,2,-40,PEAK",
         "SPIR 0,1,1,2,8,0.3,2,-6,FIRS",
         "HILL 0,1,(@1,2),8,1.5,0.5,1,-40,STAR",
         "PAR 0,1,1,6,5,-40,PEAK",

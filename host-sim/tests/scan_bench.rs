@@ -289,7 +289,7 @@ fn a_climb_whose_steps_the_play_swallows_is_refused_with_the_least_step_that_wor
             match &started {
                 Err(BusError::Refused { error, .. }) => {
                     println!("{seed} {switch} {least} {patience}: {error}");
-                    let told = "-221,\"Settings conflict;AXIS1 play takes the step: ";
+                    let told = "-221,\"Settings conflict;AXIS1 play takes step or range: ";
                     assert!(!works && error.starts_with(told) && error.ends_with(" um\""), "{switch} {least}: {error}");
                     // the reason has the least step that works, and it does
                     let words: Vec<&str> = error.trim_end_matches(" um\"").split(' ').collect();

@@ -74,7 +74,7 @@ fn a_line_of_a_thousand_samples_is_recorded_exactly_and_its_peak_is_right() {
                 assert_eq!(i32::from_le_bytes(record[8 + 4 * m..][..4].try_into().unwrap()), text[1 + m] as i32);
             }
             let code = f64::from(u16::from_le_bytes(record[32..34].try_into().unwrap()));
-            assert!((10.0 * (code * 3.3 / 32760.0).log10() - text[7]).abs() < 0.001);
+            assert!((10.0 * (code * 3.3 / 32768.0).log10() - text[7]).abs() < 0.001);
         }
         // the truth is the peak along the line, which is the spot's x
         squares += (outcome.axes[0][0] * 1000.0 - bench.spot.at[0]).powi(2);

@@ -81,12 +81,37 @@ fn a_saturated_meter_gives_no_peak() {
 
 #[test]
 fn a_maximum_beyond_the_range_is_none_and_its_edge_is_told() {
-    for at in [-14_000.0, 14_000.0] {
-        let mut bench = bench([at, 0.0, 0.0], 5);
-        bench.good("SENS:AVER 1");
-        let outcome = fails(&mut bench, "SCAN:DEF:LINE 0,1,1,20,0.1,-60", "no maximum within the range");
-        assert!(outcome.status & 8 != 0 && (outcome.axes[0][0] - at.signum() * 10.0).abs() < 0.3, "{outcome:?}");
+    // where the best place of each kind lies; the lines of a raster have their maxima
+    for (kind, across, edge) in KINDS.into_iter().zip([0, 1, 0, 0, 0]).zip([10.0, 6.0, 8.0, 5.0, 4.0]).map(flat) {
+        for at in [-14_000.0, 14_000.0] {
+            let mut place = [0.0; 3];
+            // enough lines of a raster must see it
+            place[across] = if across == 1 { at / 2.0 } else { at };
+            let mut bench = bench(place, 5);
+            bench.good("SENS:AVER 1");
+            let outcome = fails(&mut bench, kind, "no maximum within the range");
+            let [best, sigma, _] = outcome.axes[across];
+            assert!(outcome.status & 8 != 0 && (best - at.signum() * edge).abs() < 0.3, "{kind}: {outcome:?}");
+            assert!(sigma > 1e37, "{kind}: {outcome:?}");
+        }
     }
+    // light there is what a search looks for
+    let mut bench = bench([7500.0, 0.0, 0.0], 5);
+    bench.good("SENS:AVER 1;:SCAN:DEF:SPIR 0,1,1,2,16,0.2,4,-3,FIRS");
+    let outcome = bench.scan(0);
+    assert!(outcome.status == 5 && (outcome.axes[0][0] - 7.5).abs() < 4.2, "{outcome:?}");
+}
+
+fn flat<A, B, C>(((a, b), c): ((A, B), C)) -> (A, B, C) {
+    (a, b, c)
+}
+
+#[test]
+fn a_climb_that_would_never_end_is_given_up_and_says_so() {
+    let mut bench = bench([0.0; 3], 5);
+    bench.good("SENS:AVER 1;:AXIS1:BACK:MODE UNIP;:AXIS1:MOVE 10;*OPC?");
+    let outcome = fails(&mut bench, "SCAN:DEF:HILL 0,1,(@1),200,0.004,0.004,100,-60", "2000 points, no end");
+    assert!(outcome.samples == 2000 && outcome.status & 0xf == 4 && outcome.axes[0][0] < 8.0, "{outcome:?}");
 }
 
 #[test]
@@ -296,13 +321,14 @@ fn definitions_and_settings_refuse_nonsense_with_the_value() {
         ("SCAN:DEF:LINE 0,1,1,20,0.1,-20,TOP", "-104,\"Data type error;TOP\""),
         ("SCAN:DEF:RAST 0,1,1,1,20,20,1,1", "-221,\"Settings conflict;1\""),
         ("SCAN:DEF:RAST 0,1,1,2,20,100,1,1", "-222,\"Data out of range;1\""),
-        ("SCAN:DEF:SPIR 0,1,1,4,20,1,1", "-221,\"Settings conflict;4\""),
-        ("SCAN:DEF:SPIR 0,1,1,2,200,1,1", "-222,\"Data out of range;1\""),
+        ("SCAN:DEF:SPIR 0,1,1,4,20,1,1,-40", "-221,\"Settings conflict;4\""),
+        ("SCAN:DEF:SPIR 0,1,1,2,200,1,1,-40", "-222,\"Data out of range;1\""),
+        ("SCAN:DEF:SPIR 0,1,1,2,20,1,1", "-109,\"Missing parameter;SCAN:DEF:SPIR\""),
         ("SCAN:DEF:HILL 0,1,(@1,4),20,1,0.1,1", "-221,\"Settings conflict;(@1,4)\""),
         ("SCAN:DEF:HILL 0,1,(@1:6),20,1,0.1,1", "-221,\"Settings conflict;(@1:6)\""),
         ("SCAN:DEF:HILL 0,1,(@1),20,1,2,1", "-222,\"Data out of range;2\""),
         ("SCAN:DEF:HILL 0,1,(@1),20,1,1,0", "-222,\"Data out of range;0\""),
-        ("SCAN:DEF:PAR 0,1,1,20,2", "-222,\"Data out of range;2\""),
+        ("SCAN:DEF:PAR 0,1,1,20,4", "-222,\"Data out of range;4\""),
         ("SENS3:AVER 2", "-114,\"Header suffix out of range;SENS3:AVER\""),
         ("SENS:AVER 0", "-222,\"Data out of range;0\""),
         ("SENS:AVER 257", "-222,\"Data out of range;257\""),
@@ -351,7 +377,7 @@ fn a_link_that_closes_or_is_cleared_does_not_end_a_scan() {
         for _ in 0..segments {
             board.step(|_| ());
             let off = (board.twin().true_pose()[0] - 1500.0) / 5000.0;
-            let code = ((-off * off).exp() / 3.3 * 32760.0) as u16;
+            let code = ((-off * off).exp() / 3.3 * 32768.0) as u16;
             board.set_power([code, code]);
             links.poll(&mut board.front, 0);
         }

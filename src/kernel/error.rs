@@ -191,13 +191,13 @@ pub enum Detail {
         /// The bound is the travel of the motor.
         motor: bool,
     },
-    /// Step of a climb that the play of a motor swallows, and the least one that it does not, both in nm or nrad.
+    /// Step or range of a climb that the play of a motor swallows, and the least one that it does not, both in nm or nrad.
     Swallowed {
         /// The axis.
         axis: Axis,
-        /// The step asked for, nm or nrad.
+        /// The one asked for, nm or nrad.
         value: Named,
-        /// The least step that works, nm or nrad.
+        /// The least one that works, nm or nrad.
         bound: Named,
     },
     /// Velocity of an axis beyond a bound, both in nm/s or nrad/s.
@@ -298,7 +298,7 @@ impl Error {
         Error { number: ErrorNumber::DataOutOfRange, detail: Detail::Limit { axis, value, bound, motor } }
     }
 
-    /// -221: a step that the play of an axis' motor swallows, and the least one that it does not, nm or nrad.
+    /// -221: a step or a range that the play of an axis' motor swallows, and the least one that it does not, nm or nrad.
     #[inline(never)]
     pub fn swallowed(axis: Axis, value: i64, bound: i64) -> Self {
         let (value, bound) = (value.into(), bound.into());
@@ -372,7 +372,7 @@ impl Detail {
                 write_bound(to, *axis, what, (*value, *bound), axis_unit(*axis))
             }
             Detail::Swallowed { axis, value, bound } => {
-                write_bound(to, *axis, " play takes the step: ", (*value, *bound), axis_unit(*axis))
+                write_bound(to, *axis, " play takes step or range: ", (*value, *bound), axis_unit(*axis))
             }
             Detail::Speed { axis, value, bound } => {
                 write_bound(to, *axis, " ", (*value, *bound), axis_unit(*axis).per_second(1))

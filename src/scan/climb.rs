@@ -2,7 +2,7 @@
 
 use super::{Definition, LEAST, NUMBER, RANGE, SCAN_AXES};
 
-/// Measurements after which a climb is content with what it has.
+/// Measurements after which a climb is given up.
 const MOST: u16 = 2000;
 
 /// Where a climb stands. Offsets in nm or nrad from where it began.
@@ -58,6 +58,11 @@ impl Climb {
             (self.rising, self.gained) = (!first, self.gained || !first);
         }
         self.measured < MOST && self.next(definition)
+    }
+
+    /// It was given up before it had ended.
+    pub fn is_cut_off(&self) -> bool {
+        self.measured >= MOST
     }
 
     fn next(&mut self, definition: &Definition) -> bool {

@@ -16,6 +16,8 @@ pub const SCAN_AXES: usize = 3;
 pub const LINES: usize = 64;
 /// Most turns of a spiral.
 pub const TURNS: i32 = 64;
+/// Least points of a parabola: three are on one whatever they are, and with fewer than five noise looks curved too often.
+pub const LEAST_POINTS: i32 = 5;
 /// Most points of a parabola.
 pub const POINTS: i32 = 101;
 /// Most steps without gain in a climb.
@@ -112,6 +114,11 @@ impl Definition {
         self.values[FLANK] != 0
     }
 
+    /// It samples on one flank, which is chosen.
+    pub fn samples_one_way(&self) -> bool {
+        matches!(self.kind, Kind::Line | Kind::Raster | Kind::Parabola)
+    }
+
     /// +1 or -1: the direction in which it samples.
     pub fn sign(&self) -> i32 {
         if self.is_negative() { -1 } else { 1 }
@@ -127,12 +134,19 @@ impl Definition {
         }
     }
 
-    /// Turns of a spiral: it covers the range at least.
-    pub fn turns(&self) -> i32 {
-        (self.values[RANGE] / 2).wrapping_div(self.values[STEP].max(1)) + 1
+    /// How far a spiral reaches to each side, nm or nrad: in as few turns as cover the range.
+    #[inline(never)]
+    pub fn reach(&self) -> i32 {
+        self.turns() * self.values[STEP]
     }
 
-    /// Where a side of a spiral begins, in steps of both axes: sides of 1, 1, 2, 2, 3, 3 ... steps.
+    fn turns(&self) -> i32 {
+        // rounded up
+        (self.values[RANGE] - 1).wrapping_div((2 * self.values[STEP]).max(1)) + 1
+    }
+
+    /// Where a side of a spiral begins, in steps of both axes: sides of 1, 1, 2, 2, 3, 3 ... steps. The last side
+    /// ends where its turn closes, at [`Definition::reach`].
     pub fn corner(n: i32) -> [i32; 2] {
         let turn = n / 4;
         match n % 4 {
@@ -193,8 +207,30 @@ impl Outcome {
     /// As a scan begins.
     pub const FRESH: Outcome = Outcome { status: status::RUNNING, level: DARK, ..Outcome::NONE };
 
-    /// True when it says where the peak is, or where light was found.
+    /// True when it says where the peak is, or where light was found: not while that is still looked for.
     pub fn has_position(&self) -> bool {
-        self.status & (status::PEAK | status::LIGHT | status::EDGE) != 0
+        self.level != DARK && self.status & (status::PEAK | status::LIGHT | status::EDGE) != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spiral_covers_its_range_and_goes_no_further_than_a_step_beyond() {
+        for (range, step) in [(10, 10), (10, 1), (10, 5), (20, 4), (21, 4), (26, 4), (128, 1), (7, 3), (1, 1)] {
+            let mut spiral = Definition { kind: Kind::Spiral, count: 2, ..Definition::default() };
+            (spiral.values[RANGE], spiral.values[STEP]) = (range, step);
+            let reach = spiral.reach();
+            assert!(2 * reach >= range && 2 * (reach - step) < range, "{range} {step}: {reach}");
+            // each side but the last ends within
+            for n in 0..spiral.legs() {
+                let corner = Definition::corner(n).map(|steps| steps * step);
+                assert!(corner.iter().all(|place| place.abs() <= reach), "{range} {step}: {n} {corner:?}");
+            }
+            // there its outermost turn is open on one side
+            assert_eq!(Definition::corner(spiral.legs() - 1).map(|steps| steps * step), [-reach; 2]);
+        }
     }
 }

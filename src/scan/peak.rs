@@ -208,6 +208,7 @@ pub fn find(points: &mut [Point]) -> Option<Peak> {
 #[cfg(test)]
 mod tests {
     extern crate std;
+    use super::super::LEAST_POINTS;
     use super::*;
     use std::vec::Vec;
 
@@ -304,6 +305,12 @@ mod tests {
             found += u32::from(!find(&mut noise).unwrap().edge);
         }
         assert!(found < 25, "{found} of 500");
+        let mut few = |count: i32| {
+            let mut noise = |n| (100 * n, -60_000_000 + (500_000.0 * normal(&mut random)) as i32);
+            (0..2000).filter(|_| !find(&mut (0..count).map(&mut noise).collect::<Vec<_>>()).unwrap().edge).count()
+        };
+        let found = [3, 4, LEAST_POINTS, 7, 9].map(&mut few);
+        assert!(found[0] > 500 && found[2..].iter().all(|n| *n < 60), "{found:?} of 2000");
         for x0 in [-30_000.0, 14_000.0] {
             let mut flank = gaussian((0..100).map(|n| 100.0 * n as f64), x0, 5000.0, 0.003, &mut random);
             let peak = find(&mut flank).unwrap();

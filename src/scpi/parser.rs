@@ -256,13 +256,6 @@ mod tests {
     }
 
     #[test]
-    fn what_belongs_to_later_parts_is_unknown() {
-        for message in ["*TRG", "SCAN:STOP", "FORM ASC", "SENS1:POW?"] {
-            assert_eq!(error(message), Some(ErrorNumber::UndefinedHeader), "{message}");
-        }
-    }
-
-    #[test]
     fn a_missing_axis_is_the_first_and_forms_mix() {
         use Command::*;
         assert_eq!(parse_all("axis:position?"), [Ok((AxisPosition, Some(1), true))]);

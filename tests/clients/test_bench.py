@@ -56,7 +56,7 @@ def lit(server, connect):
     return links
 
 
-@pytest.mark.parametrize(("seed", "far"), [(4, []), (15, []), (6, ["--coarse"])])
+@pytest.mark.parametrize(("seed", "far"), [(4, []), (15, []), (6, ["--coarse"]), (5014, ["--coarse"])])
 def test_the_example_aligns_a_bench_to_near_the_best_it_allows(bench, connect, host_sim, seed, far):
     told = subprocess.run([host_sim, "align", "--seed", str(seed), "--json", *far], check=True, capture_output=True)
     known = json.loads(told.stdout)

@@ -193,10 +193,10 @@ SCRIPT = HOMED + PRELOADED + METERS + [
     "FORM ASC;:TRAC:DATA? 100,20", "FORM PACK;:TRAC:DATA? 0,113", "TRAC:DATA? 113,113", "TRAC:DATA? 226,113",
     *scan("LINE 2,2,10,0.2,-40,STAR,NEG", ["SENS2:AVER 4;SCAL LIN"]), "TRAC:DATA? 0,113", "TRAC:DATA? 113,80",
     *scan("RAST 1,1,2,8,6,0.1,3,-40,PEAK", ["POSE -1,-1,0,0,0,0;*OPC?"], skip=2), "TRAC:DATA? 0,113",
-    *scan("SPIR 1,1,2,6,0.3,3,-5,PEAK", ["SENS1:AVER 3", "POSE 3,-4,0,0,0,0;*OPC?"]), "TRAC:DATA? 0,113", "TRAC:DATA? 300,113",
+    *scan("SPIR 1,1,2,12,0.3,3,-5,PEAK", ["SENS1:AVER 3", "POSE 3,-4,0,0,0,0;*OPC?"]), "TRAC:DATA? 0,113", "TRAC:DATA? 300,113",
     *scan("HILL 1,(@1,2),10,1.5,0.5,1,-40,PEAK", ["SENS1:AVER 4", "POSE 0.5,-2.5,0,0,0,0;*OPC?"]), "TRAC:DATA? 0,60",
     *scan("PAR 1,1,8,5,-40,PEAK,NEG"), "TRAC:DATA? 0,20",
-    *scan("PAR 1,4,0.02,3,-40,PEAK"), "TRAC:DATA? 0,12",
+    *scan("PAR 1,4,0.02,5,-40,PEAK"), "TRAC:DATA? 0,12",
 ]
 FIRST_LIGHT = ["SENS1:AVER 1", *scan("SPIR 1,1,2,8,0.2,2,-5,FIRS", ["POSE 6,4,0,0,0,0;*OPC?"]), "TRAC:DATA? 0,113", "TRAC:DATA? 113,113"]
 
@@ -233,7 +233,7 @@ def test_every_kind_of_scan_gives_the_answers_the_records_and_the_words_of_host_
 
 STATE = ["SYST:ERR:ALL?;:SCAN:STAT?;:SCAN:RES? 0", "AXIS1:POS:MOT?;:AXIS2:POS:MOT?", "STAT:QUES:COND?;:STAT:OPER:COND?", "SENS1:POW?"]
 AWAY = "POSE 1.3,-0.7,0,0,0,0;*OPC?"
-KINDS = ["LINE 0,1,1,8,0.1,-40", "PAR 0,1,1,8,3,-40,STAY", "RAST 0,1,1,2,4,4,0.1,2,-40"]
+KINDS = ["LINE 0,1,1,8,0.1,-40", "PAR 0,1,1,8,5,-40,STAY", "RAST 0,1,1,2,4,4,0.1,2,-40"]
 
 
 @pytest.mark.parametrize("spots, why, power", ((DARK, b"no light above the threshold", b"-9.9E37"), (BRIGHT, b"power saturated", b"9.9E37")),

@@ -42,6 +42,14 @@ pub enum BusError {
         /// What should have come.
         wanted: &'static str,
     },
+    /// What should set something up does not.
+    #[error("setup {message:?}: {reason}")]
+    NoCommand {
+        /// What was given.
+        message: String,
+        /// Why not.
+        reason: &'static str,
+    },
     /// What was learned of a stage cannot be loaded.
     #[error("{side:?} stage: {reason}")]
     Calibration {
@@ -68,6 +76,7 @@ fn advice(error: &str) -> &'static str {
             "the way leads beyond a limit; move the mount so that the light lies within the travel, or set the limits \
              (AXIS<n>:LIMit) farther"
         }
+        "-113" | "-109" | "-108" | "-104" => "see the table of commands in COMMANDS.md for its words and parameters",
         "-213" | "104" => "wait until the scan or move of before has ended, or end it with ABORt",
         "101" | "109" => "home that axis (AXIS<n>:HOME)",
         "102" => "move that axis away from its switch, and the mount so that the light lies within the travel",
@@ -173,6 +182,21 @@ impl<'a, B: Bus> Controller<'a, B> {
         self.end(command, patience_s)
     }
 
+    /// Sends a message of somebody else's words, alone, and looks into the error queue by another one: an error in it may
+    /// drop all that stands behind it.
+    ///
+    /// # Errors
+    /// [`BusError::NoCommand`] for an empty message or a question; those of the bus; [`BusError::Refused`].
+    pub fn set_up(&mut self, message: &str) -> Result<(), BusError> {
+        if let Some(reason) = no_setup(message) {
+            return Err(BusError::NoCommand { message: message.into(), reason });
+        }
+        self.bus.send(self.side, message)?;
+        let asked = "*OPC?;:SYST:ERR?";
+        self.bus.send(self.side, asked)?;
+        self.checked(message, asked, SETUP_S)
+    }
+
     /// Loads a calibration.
     ///
     /// # Errors
@@ -190,7 +214,12 @@ impl<'a, B: Bus> Controller<'a, B> {
     /// Waits until a command that was begun has ended, and looks into the error queue.
     pub(super) fn end(&mut self, command: &str, patience_s: f64) -> Result<(), BusError> {
         let message = watched(command);
-        let answer = self.bus.line(self.side, &message, patience_s)?;
+        self.checked(command, &message, patience_s)
+    }
+
+    /// The answer to `message`, 1 and the oldest error, as the end of a command.
+    fn checked(&mut self, command: &str, message: &str, patience_s: f64) -> Result<(), BusError> {
+        let answer = self.bus.line(self.side, message, patience_s)?;
         match answer.split_once(';') {
             Some((_, error)) if error.starts_with('0') => Ok(()),
             Some((_, error)) => {
@@ -201,8 +230,21 @@ impl<'a, B: Bus> Controller<'a, B> {
                 let _ = self.ask("*CLS;*STB?");
                 Err(first)
             }
-            None => Err(self.strange(&message, &answer, "1 and an error entry")),
+            None => Err(self.strange(message, &answer, "1 and an error entry")),
         }
+    }
+}
+
+/// Longest that a message of a setup goes on, s.
+const SETUP_S: f64 = 30.0;
+
+/// Why a message is none that sets something up: nothing in it, or a question, whose answer nobody would read.
+pub fn no_setup(message: &str) -> Option<&'static str> {
+    match message {
+        _ if message.trim().is_empty() => Some("there is nothing in it"),
+        _ if message.contains('?') => Some("it asks, and nobody would read the answer; give commands alone"),
+        _ if message.contains('\n') => Some("it is more than one line; give each by itself"),
+        _ => None,
     }
 }
 

@@ -1,6 +1,6 @@
 //! What the alignment program knows of fibre, chip and array: from their data sheets, nothing of the bench.
 
-use nalgebra::Complex;
+use nalgebra::{Complex, Matrix3, Vector3};
 use std::f64::consts::PI;
 
 /// Data sheets.
@@ -50,41 +50,92 @@ impl Optics {
     /// How far aside a fibre that is turned about its end has its peak, um per rad, towards where its end looks: at a gap
     /// it meets the guide's beam there, which runs apart.
     pub fn lean_um(&self, gap_um: f64) -> f64 {
-        // overlap of two paraxial Gaussian beams, offset d and slope t: ln eta = 2 Re(b^2 / 4a) - 2 d^2 / wf^2 with
-        // a = 1 / wf^2 + ik / 2q and b = 2d / wf^2 + ikt; its maximum over d
+        // the maximum over d
+        let [offset, both, _] = self.bends(gap_um);
+        0.5 * both / offset
+    }
+
+    /// Loss by an angle of a fibre that stays in its place, dB per rad^2.
+    pub fn angle_db(&self, gap_um: f64) -> f64 {
+        let [.., angle] = self.bends(gap_um);
+        10.0 / std::f64::consts::LN_10 * angle
+    }
+
+    /// A fibre that is on its peak in x and y before it is turned to its peak leans aside then, and is only this share of
+    /// the way to where it would stand straight: by how much more it must turn, at least 1.
+    pub fn overturn(&self, gap_um: f64) -> f64 {
+        let [offset, both, angle] = self.bends(gap_um);
+        1.0 / (1.0 - 0.25 * both * both / (offset * angle))
+    }
+
+    /// Factors of -d^2, +dt and -t^2 in the logarithm of the coupling; offset d in um, slope t in rad.
+    fn bends(&self, gap_um: f64) -> [f64; 3] {
+        // overlap of two paraxial Gaussian beams: ln eta = 2 Re(b^2 / 4a) - 2 d^2 / wf^2 + constant with
+        // a = 1 / wf^2 + ik / 2q and b = 2d / wf^2 + ikt
         let k = 2.0 * PI * self.index / self.wavelength_um;
         let q = Complex::new(gap_um, PI * self.index * self.guide_um.powi(2) / self.wavelength_um);
         let waist = self.fibre_um.powi(-2);
         let inverse = (Complex::new(waist, 0.0) + Complex::new(0.0, 0.5 * k) / q).inv();
-        // ln eta = d^2 (2 waist^2 Re(1/a) - 2 waist) - 2 waist k t d Im(1/a) + ...
-        k * inverse.im / (2.0 * (waist * inverse.re - 1.0))
-    }
-
-    /// How badly levels (dBm) at retreats (um) fit to a gap, dB: root of the mean square.
-    pub fn gap_residual_db(&self, gap_um: f64, seen: &[(f64, f64)]) -> f64 {
-        let tops: Vec<f64> = seen.iter().map(|(back, level)| level + self.gap_db(gap_um + back)).collect();
-        let mean = tops.iter().sum::<f64>() / tops.len() as f64;
-        (tops.iter().map(|top| (top - mean).powi(2)).sum::<f64>() / tops.len() as f64).sqrt()
+        [2.0 * waist * (1.0 - waist * inverse.re), -2.0 * waist * k * inverse.im, 0.5 * k * k * inverse.re]
     }
 
     /// x of a channel (from 0) in the array, from the first one, um.
     pub fn channel_um(&self, channel: usize) -> f64 {
         -self.pitch_um * channel as f64
     }
+}
 
-    /// The gap at which the light was seen first, from levels (dBm) at retreats from there (um): least squares with the
-    /// level without gap as the second unknown. None when the levels do not tell.
-    pub fn gap_um(&self, seen: &[(f64, f64)]) -> Option<f64> {
-        let residual = |gap| self.gap_residual_db(gap, seen);
-        let most = 3.0 * self.reach_um();
-        let (mut low, mut high) = (0.0, most);
-        // the residual has one minimum
-        for _ in 0..100 {
-            let (a, b) = (low + (high - low) * 0.382, low + (high - low) * 0.618);
-            if residual(a) < residual(b) { high = b } else { low = a }
+/// How the light falls when a fibre draws back along the axis of its guide, and what that tells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fall {
+    /// The gap where the retreats are counted from, um.
+    pub gap_um: f64,
+    /// The gap at which half of the light is lost, um: of these fibres and guides, whatever their data sheets say.
+    pub reach_um: f64,
+    /// Standard uncertainty of the gap for levels that are each uncertain by so many dB, um per dB.
+    pub um_per_db: f64,
+    /// What the levels are off, dB: root of the sum of squares over the degrees of freedom.
+    pub residual_db: f64,
+}
+
+impl Fall {
+    /// Of levels (dBm) at retreats (um): at least four, three of them different. None when the light does not fall as it
+    /// must between Gaussian modes.
+    ///
+    /// The reciprocal of the power is C (R^2 + (g + b)^2) at a retreat b, a parabola: so gap g, reach R and C come from
+    /// linear least squares, and there is one answer only. Any guess of the reach makes two: with R known wrong, gaps on
+    /// both sides of R / 2 explain the same levels almost as well.
+    pub fn of(seen: &[(f64, f64)]) -> Option<Fall> {
+        const UNIT_UM: f64 = 100.0;
+        let (_, first) = *seen.first()?;
+        let (mut square, mut side) = (Matrix3::zeros(), Vector3::zeros());
+        let mut rows = Vec::with_capacity(seen.len());
+        for (back, level) in seen {
+            let (b, loss) = (back / UNIT_UM, 10f64.powf(0.1 * (first - level)));
+            // relative errors are alike
+            let row = Vector3::new(b * b, b, 1.0) / loss;
+            square += row * row.transpose();
+            side += row;
+            rows.push(row);
         }
-        let gap = 0.5 * (low + high);
-        (seen.len() >= 3 && gap > 0.01 && gap < 0.99 * most).then_some(gap)
+        let covariance = square.try_inverse()?;
+        let fit = covariance * side;
+        let [a, b, c] = [fit[0], fit[1], fit[2]];
+        let freedom = rows.len().checked_sub(3).filter(|freedom| *freedom > 0)?;
+        let gap = 0.5 * b / a;
+        let reach_square = c / a - gap * gap;
+        if !(a > 0.0 && reach_square > 0.0) {
+            return None;
+        }
+        let db = 10.0 / std::f64::consts::LN_10;
+        let slope = Vector3::new(-gap / a, 0.5 / a, 0.0);
+        let squares: f64 = rows.iter().map(|row| (1.0 - row.dot(&fit)).powi(2)).sum();
+        Some(Fall {
+            gap_um: gap * UNIT_UM,
+            reach_um: reach_square.sqrt() * UNIT_UM,
+            um_per_db: slope.dot(&(covariance * slope)).sqrt() * UNIT_UM / db,
+            residual_db: db * (squares / freedom as f64).sqrt(),
+        })
     }
 }
 
@@ -179,13 +230,49 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_gap_is_told_by_how_the_light_falls_on_the_way_back() {
-        let optics = Optics::default();
-        for gap in [3.0, 20.0, 70.0] {
-            let seen: Vec<_> = [0.0, 50.0, 100.0, 180.0].map(|back| (back, -9.7 - optics.gap_db(gap + back))).into();
-            assert!((optics.gap_um(&seen).unwrap() - gap).abs() < 0.02, "{gap}");
+    fn the_gap_is_told_by_how_the_light_falls_whatever_the_modes_are() {
+        for (radius_um, index) in [(5.2, 1.5), (4.7, 1.0), (5.7, 1.55), (4.7, 1.425)] {
+            let optics = Optics { fibre_um: radius_um, index, ..Optics::default() };
+            for gap in [-1.0, 3.0, 20.0, 70.0, 95.0, 200.0] {
+                let seen: Vec<_> =
+                    [0.0, 40.0, 80.0, 140.0, 0.0].map(|back| (back, -9.7 - optics.gap_db(gap + back))).into();
+                let fall = Fall::of(&seen).unwrap();
+                assert!((fall.gap_um - gap).abs() < 1e-6, "{gap} {fall:?}");
+                assert!((fall.reach_um - optics.reach_um()).abs() < 1e-6 && fall.residual_db < 1e-9, "{fall:?}");
+            }
         }
-        assert_eq!(optics.gap_um(&[(0.0, -9.0), (50.0, -8.0), (90.0, -7.0)]), None, "brighter the farther");
+        assert_eq!(Fall::of(&[(0.0, -9.0), (50.0, -8.0), (90.0, -7.0), (0.0, -9.0)]), None, "brighter the farther");
+        assert_eq!(Fall::of(&[(0.0, -9.0), (50.0, -9.6), (90.0, -10.4)]), None, "nothing left to tell its error");
+    }
+
+    #[test]
+    fn the_uncertainty_of_a_gap_is_that_of_the_levels_carried_over() {
+        let optics = Optics::default();
+        let seen = [0.0, 40.0, 80.0, 140.0, 0.0].map(|back| (back, -optics.gap_db(60.0 + back)));
+        let told = Fall::of(&seen).unwrap();
+        let moved = |i: usize| {
+            let mut seen = seen;
+            seen[i].1 += 1e-4;
+            (Fall::of(&seen).unwrap().gap_um - told.gap_um) / 1e-4
+        };
+        let sum: f64 = (0..seen.len()).map(|i| moved(i).powi(2)).sum();
+        assert!((sum.sqrt() / told.um_per_db - 1.0).abs() < 1e-2, "{} {told:?}", sum.sqrt());
+    }
+
+    #[test]
+    fn a_fibre_on_its_peak_that_turns_by_as_much_as_told_stands_straight() {
+        let optics = Optics::default();
+        for gap in [0.0, 40.0, 90.0] {
+            let (lean, turn) = (optics.lean_um(gap), 7e-3);
+            // the loss that Optics::bends says, in dB; the fibre is turned and has its peak in x
+            let [offset, both, angle] = optics.bends(gap);
+            let loss = |d: f64, t: f64| offset * d * d - both * d * t + angle * t * t;
+            let d = lean * turn;
+            let best = (-1000..1000).map(|n| 1e-5 * f64::from(n)).min_by(|a, b| loss(d, *a).total_cmp(&loss(d, *b)));
+            let told = best.unwrap() - turn;
+            assert!((turn + told * optics.overturn(gap)).abs() < 2e-5, "{gap} {told}");
+            assert!(gap == 0.0 || optics.overturn(gap) > 1.02);
+        }
     }
 
     #[test]

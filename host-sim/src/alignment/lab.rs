@@ -10,6 +10,7 @@ use crate::bench_twin::{Bench, Sees, Side};
 use crate::board::{Board, Interleaving};
 use crate::console::Console;
 use crate::machine::Machine;
+use crate::power_meter::SWITCH_TICKS;
 use crate::rig::Rig;
 use crate::session::power_up;
 use stage_controller::units::SEGMENT_NS;
@@ -92,6 +93,10 @@ const LOOK_SEGMENTS: u64 = 10_000_000 / SEGMENT_NS;
 pub struct Lab {
     rig: Rig,
     stages: [Stage; 2],
+    /// When the optical switch has settled, tick.
+    switched: u64,
+    /// Least distance of the corners from the chip so far, um.
+    least_um: [f64; 2],
     onlooker: Option<Onlooker>,
 }
 
@@ -114,13 +119,16 @@ impl Lab {
             })
         };
         let stages = [stage(Side::Input)?, stage(Side::Output)?];
-        Ok(Lab { rig: Rig::new(bench), stages, onlooker: None })
+        let least_um = bench.clearances_um();
+        Ok(Lab { rig: Rig::new(bench), stages, switched: 0, least_um, onlooker: None })
     }
 
     /// One segment of virtual time.
     pub fn step(&mut self) {
         self.stages.iter_mut().for_each(Stage::step);
         self.rig.border(self.stages.each_mut().map(|stage| &mut stage.console.board));
+        let now_um = self.rig.bench.clearances_um();
+        self.least_um = std::array::from_fn(|i| self.least_um[i].min(now_um[i]));
         if self.rig.segments().is_multiple_of(LOOK_SEGMENTS) {
             self.look_on();
         }
@@ -155,6 +163,20 @@ impl Lab {
         self.rig.bench.losses(self.tick(), &self.poses())
     }
 
+    /// Least distance of the corners of both sides from the chip so far, um.
+    pub fn least_clearances_um(&self) -> [f64; 2] {
+        self.least_um
+    }
+
+    /// Waits until the optical switch has settled.
+    fn settle(&mut self) -> Result<(), BusError> {
+        while self.tick() < self.switched {
+            self.step();
+            self.rig.bench.check()?;
+        }
+        Ok(())
+    }
+
     /// The bench.
     pub fn bench(&self) -> &Bench {
         &self.rig.bench
@@ -186,6 +208,7 @@ impl Lab {
 
 impl Bus for Lab {
     fn send(&mut self, side: Side, message: &str) -> Result<(), BusError> {
+        self.settle()?;
         let down = &mut self.stages[side.index()].down.bytes;
         down.extend(message.bytes());
         down.push_back(b'\n');
@@ -218,6 +241,8 @@ impl Bus for Lab {
 
     fn look(&mut self, channel: usize, sees: Sees) {
         self.rig.bench.connect(channel, sees);
+        // both channels switch at once; what is sent after that waits
+        self.switched = self.tick() + SWITCH_TICKS;
     }
 
     fn pause(&mut self, seconds: f64) -> Result<(), BusError> {

@@ -84,7 +84,7 @@ pub fn learn<B: Bus>(
 ) -> Result<[(Machine, Learned); 2], Trouble> {
     let mut program = Program::new(bus, options, watch);
     program.draw_back()?;
-    program.angles()?;
+    program.angles(false)?;
     program.peaks("peaks after turning")?;
     let mut learn = |side: Side| -> Result<(Machine, Learned), Trouble> {
         let mut known = believed[side.index()].clone();

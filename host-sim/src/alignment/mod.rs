@@ -16,8 +16,8 @@ mod scans;
 mod trouble;
 mod view;
 
-pub use bus::{Bus, BusError, Controller};
-pub use geometry::{Optics, Peak, Shift, best_for_all};
+pub use bus::{Bus, BusError, Controller, no_setup};
+pub use geometry::{Fall, Optics, Peak, Shift, best_for_all};
 pub use lab::{Lab, Moment};
 pub use learn::{Learned, Told, learn};
 pub use program::{Alignment, Options, Step, align};

@@ -49,6 +49,12 @@ impl Probe {
         Probe { knobs, step, seen, levels_dbm: seen[0], peaks: [peak(0), peak(1)] }
     }
 
+    /// By how much the light is lower a step aside in both coordinates than in the middle, on the mean of both ways, dB.
+    pub fn bend_db(&self, input: usize) -> f64 {
+        let [middle, low, _, high] = self.seen.map(|levels| levels[input]);
+        middle - 0.5 * (low + high)
+    }
+
     /// From the last corner to the middle, for both stages.
     pub fn back(&self) -> [[f64; 6]; 2] {
         way(&self.knobs, [-self.step; 2])
@@ -81,10 +87,15 @@ impl<B: Bus> Program<'_, B> {
 
     /// Goes where the first input has its peak; its level in the middle of the probe, dBm, and how far it was.
     pub(super) fn turn_to_peak(&mut self, knobs: [Knob; 2], step: f64) -> Result<[f64; 2], Trouble> {
+        self.turn_past_peak(knobs, step, 1.0).map(|(probe, far)| [probe.levels_dbm[0], far])
+    }
+
+    /// Goes so many times as far as where the first input has its peak; the probe, and how far the peak was.
+    pub(super) fn turn_past_peak(&mut self, knobs: [Knob; 2], step: f64, times: f64) -> Result<(Probe, f64), Trouble> {
         let probe = self.probe(knobs, step)?;
         let peak = self.peak(&probe, 0)?;
-        self.move_both(way(&knobs, peak.map(|peak| peak - step)))?;
-        Ok([probe.levels_dbm[0], peak[0].hypot(peak[1])])
+        self.move_both(way(&knobs, peak.map(|peak| times * peak - step)))?;
+        Ok((probe, peak[0].hypot(peak[1])))
     }
 
     /// Where an input has its peak; only when there was light all around, and the peak is near enough to be believed.

@@ -7,7 +7,7 @@
 //! approach goes no farther than that allows.
 
 use super::bus::{Bus, BusError, Controller};
-use super::geometry::{Optics, Peak, best_for_all};
+use super::geometry::{Fall, Optics, Peak, best_for_all};
 use super::probe::Knob;
 use super::reading::CALM_AVERAGE;
 use super::scans::{End, Found, Scan};
@@ -29,10 +29,15 @@ pub struct Options {
     pub dark_dbm: f64,
     /// How far the stages draw back before anything turns, um.
     pub retreat_um: f64,
-    /// Gap that is wanted between the faces, um.
+    /// Least distance of any corner of the faces from the chip that is wanted, um.
     pub gap_um: f64,
+    /// How far corners are from the first fibre in x and in y, um, on both sides: of the blocks' data sheets.
+    pub corner_um: [[f64; 2]; 2],
     /// Half of the way over which angles are probed, degrees.
     pub angle_deg: f64,
+    /// Where turns take the fibre aside, so that they tell no angle: pitch and yaw stay as they were found, which may be
+    /// off by so much, degrees, and the faces stay so much farther apart. None: it ends there.
+    pub untold_deg: Option<f64>,
     /// There is a large-area detector behind the chip: the input is brought to its light first, alone.
     pub detector: bool,
     /// What is sent to each controller first: its compensation, its inputs.
@@ -47,8 +52,10 @@ impl Default for Options {
             light_dbm: -52.0,
             dark_dbm: -60.0,
             retreat_um: 60.0,
-            gap_um: 12.5,
+            gap_um: 10.0,
+            corner_um: [[900.0, 750.0], [2125.0, 850.0]],
             angle_deg: 0.35,
+            untold_deg: None,
             detector: false,
             setup: ["SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US", "SENS2:INP LOG,20,-60;RANG 2.9;DEL 36 US"]
                 .map(String::from)
@@ -115,10 +122,25 @@ const PROBE_UM: f64 = 1.5;
 const RETREATS_UM: [f64; 4] = [0.0, 40.0, 80.0, 140.0];
 /// Between the first reading of a gap and the same one afterwards, dB: more, and something else than the gap has changed.
 const SAME_DB: f64 = 0.05;
-/// Both ends of the array are as near if the gaps there differ by less, um.
-const ASKEW_UM: f64 = 4.0;
-/// How far levels may be off the law of the gap, dB: ten times what they are on a bench that is well.
-const FALL_DB: f64 = 0.02;
+/// What a level of them is uncertain by, dB: noise, and the way aside.
+const LEVEL_DB: f64 = 0.002;
+/// Standard deviations that are kept from the chip, and that levels may be off the law of the gap.
+const DEVIATIONS: f64 = 4.0;
+/// Between two measures of a gap beside what they are uncertain by, um: the chip drifts, motors have steps.
+const SAME_UM: f64 = 1.0;
+/// The reach of the light against that of the data sheets: from thin modes in air to wide ones in glue.
+const REACH: [f64; 2] = [0.5, 1.6];
+/// Standard uncertainty of an angle at its peak, rad.
+const ANGLE_RAD: f64 = 0.25e-3;
+/// Farther than it was drawn back, the first fibre is as far from its guide while it turns, um.
+const BEGIN_UM: f64 = 30.0;
+/// A turn bends the light at most so many times as data sheets say when the fibre stays in its place: radii and index
+/// larger by a tenth and a twentieth make 1.33.
+const STAYS: f64 = 1.4;
+/// Where turns bend it more than so many times, they tell no angle.
+const ASTRAY: f64 = 2.0;
+/// How often angles are turned when the fibre does not quite stay.
+const ROUNDS: usize = 4;
 /// Farthest that the array is put from where it stands when it is balanced, um: roll and peaks are right then.
 const BALANCE_UM: f64 = 5.0;
 
@@ -132,12 +154,23 @@ pub(super) struct Program<'a, B> {
     pub(super) sees: [Sees; 2],
     /// Z of both stages after they were drawn back, um, since then.
     pub(super) back_um: [Option<f64>; 2],
+    /// What pitch and yaw may be off, rad.
+    tilt_rad: f64,
 }
 
 impl<'a, B: Bus> Program<'a, B> {
     pub(super) fn new(bus: &'a mut B, options: &'a Options, watch: &'a mut dyn FnMut(&Step)) -> Self {
         let (began, sees) = (bus.seconds(), [Sees::Fibre(0), Sees::Fibre(options.optics.channels - 1)]);
-        Program { bus, options, began, steps: Vec::new(), watch, sees, back_um: [None; 2] }
+        Program {
+            bus,
+            options,
+            began,
+            steps: Vec::new(),
+            watch,
+            sees,
+            back_um: [None; 2],
+            tilt_rad: DEVIATIONS * ANGLE_RAD,
+        }
     }
 
     pub(super) fn at(&mut self, side: Side) -> Controller<'_, B> {
@@ -153,9 +186,10 @@ impl<'a, B: Bus> Program<'a, B> {
     /// Light, far enough from the chip to turn.
     pub(super) fn draw_back(&mut self) -> Result<(), Trouble> {
         for side in Side::BOTH {
-            let setup = self.options.setup.join(";:");
             self.at(side).clear()?;
-            self.at(side).run(&setup, 1.0)?;
+            for message in &self.options.setup {
+                self.at(side).set_up(message)?;
+            }
         }
         self.average(SCAN_AVERAGE)?;
         self.look_at_ends();
@@ -184,7 +218,7 @@ impl<'a, B: Bus> Program<'a, B> {
     /// All steps; the levels of all channels in the end.
     fn run(&mut self) -> Result<Vec<f64>, Trouble> {
         self.draw_back()?;
-        self.angles()?;
+        self.pitch_and_yaw()?;
         self.roll()?;
         // a fibre without light is told before anything approaches the chip
         self.channels()?;
@@ -288,14 +322,54 @@ impl<'a, B: Bus> Program<'a, B> {
         Err(Trouble::Nowhere { from, searched, search_um: self.options.search_um, least_dbm: light_dbm })
     }
 
-    /// Pitch and yaw of both sides with the pivots held.
-    pub(super) fn angles(&mut self) -> Result<(), Trouble> {
-        let mut level = 0.0;
-        for axis in [Axis::Alpha, Axis::Beta] {
-            let knobs = Side::BOTH.map(|side| Knob { side, axis });
-            level = self.turn_to_peak(knobs, self.options.angle_deg)?[0];
+    /// Pitch and yaw, or as they were found where turns do not tell them.
+    fn pitch_and_yaw(&mut self) -> Result<(), Trouble> {
+        let mut found = [[0.0; 6]; 2];
+        for side in Side::BOTH {
+            found[side.index()] = self.at(side).pose()?;
         }
-        self.done("pitch and yaw", Some(level));
+        let (trouble, untold_deg) = match (self.angles(true), self.options.untold_deg) {
+            (
+                Err(trouble @ (Trouble::Astray { .. } | Trouble::Dark { .. } | Trouble::NoPeak { .. })),
+                Some(untold_deg),
+            ) => (trouble, untold_deg),
+            (turned, _) => return turned,
+        };
+        for side in Side::BOTH {
+            let pose = self.at(side).pose()?;
+            self.at(side).move_by(std::array::from_fn(|i| found[side.index()][i] - pose[i]))?;
+        }
+        self.tilt_rad = self.tilt_rad.max(untold_deg.to_radians());
+        self.done(format!("pitch and yaw stay as they were found: {trouble}"), None);
+        self.peaks("peaks where it began to turn")
+    }
+
+    /// Pitch and yaw of both sides with the pivots held; where these are not known yet (`centred` is false) as well as it
+    /// goes.
+    pub(super) fn angles(&mut self, centred: bool) -> Result<(), Trouble> {
+        let (optics, step) = (self.options.optics, self.options.angle_deg);
+        let gap_um = self.options.retreat_um + BEGIN_UM;
+        let bend_db = 2.0 * optics.angle_db(gap_um) * step.to_radians().powi(2);
+        for round in 1..=ROUNDS {
+            let (mut level, mut most) = (0.0, 0.0_f64);
+            for axis in [Axis::Alpha, Axis::Beta] {
+                let knobs = Side::BOTH.map(|side| Knob { side, axis });
+                let (probe, _) =
+                    self.turn_past_peak(knobs, step, if centred { optics.overturn(gap_um) } else { 1.0 })?;
+                level = probe.levels_dbm[0];
+                let times = probe.bend_db(0) / bend_db;
+                if centred && times > ASTRAY {
+                    return Err(Trouble::Astray { around: format!("{axis:?}").to_lowercase(), times });
+                }
+                most = most.max(times);
+            }
+            self.done("pitch and yaw", Some(level));
+            if !centred || most < STAYS || round == ROUNDS {
+                break;
+            }
+            // where the fibre goes aside as it turns, its peak is not where it stands straight: that comes by and by
+            self.peaks("peaks after turning")?;
+        }
         Ok(())
     }
 
@@ -323,24 +397,37 @@ impl<'a, B: Bus> Program<'a, B> {
         Ok(self.at(side).move_by([way_um * beta, -way_um * alpha, way_um, 0.0, 0.0, 0.0])?)
     }
 
-    /// Finds how far the faces are apart, and goes as near as is wanted.
+    /// Goes as near as is wanted: half of the way, and then the rest, each as far as was measured just before.
     fn gap(&mut self, side: Side) -> Result<(), Trouble> {
-        // off the peak the light falls otherwise, and the gap would be told too wide
+        let far = self.measure(side)?;
+        let ([x, y], tilt_rad) = (self.options.corner_um[side.index()], self.tilt_rad);
+        let wanted =
+            |fall: &Fall| self.options.gap_um + (x.hypot(y) * tilt_rad).hypot(DEVIATIONS * fall.um_per_db * LEVEL_DB);
+        let (left_um, wanted_um) = (far.gap_um, wanted(&far));
+        let way = 0.5 * (left_um - wanted_um);
+        self.along(side, way)?;
+        let near = self.measure(side)?;
+        let apart = near.gap_um - (left_um - way);
+        if apart.abs() > SAME_UM + DEVIATIONS * (far.um_per_db.hypot(near.um_per_db) * LEVEL_DB) {
+            return Err(Trouble::Way { side, way_um: way, gaps_um: [left_um, near.gap_um] });
+        }
+        let wanted_um = wanted(&near);
+        self.along(side, near.gap_um - wanted_um)?;
+        self.done(format!("{side:?} side: {left_um:.1} um were left, now {wanted_um:.1}"), None);
+        Ok(())
+    }
+
+    /// The gap here, on the peak: off it the light falls otherwise, and the gap would be told too wide.
+    fn measure(&mut self, side: Side) -> Result<Fall, Trouble> {
         self.turn_to_peak([Axis::X, Axis::Y].map(|axis| Knob { side, axis }), PROBE_UM)?;
         let seen = self.retreat(side)?;
-        let first = self.gap_told(side, 0, &seen)?;
-        // an array that stands askew is nearer at its other end; that fibre may be too far off its peak to tell
-        let last = (side == Side::Output).then(|| self.gap_told(side, 1, &seen).ok()).flatten();
-        let gap = last.filter(|last| first - last > ASKEW_UM).unwrap_or(first);
-        self.along(side, gap - self.options.gap_um)?;
-        self.done(format!("{side:?} side: {gap:.1} um were left, now {:.1}", self.options.gap_um), None);
-        Ok(())
+        self.gap_told(side, 0, &seen)
     }
 
     /// The gap here, um, told by how the light falls on the way back.
     pub(super) fn measure_gap(&mut self, side: Side) -> Result<f64, Trouble> {
         let seen = self.retreat(side)?;
-        self.gap_told(side, 0, &seen)
+        Ok(self.gap_told(side, 0, &seen)?.gap_um)
     }
 
     /// Draws back and returns: retreats (um) and the light of both inputs there, the last one back at the beginning.
@@ -354,20 +441,22 @@ impl<'a, B: Bus> Program<'a, B> {
         Ok(seen)
     }
 
-    /// The gap, um, as an input has seen the light fall; only when that is as it must be.
-    fn gap_told(&self, side: Side, input: usize, seen: &[(f64, [f64; 2])]) -> Result<f64, Trouble> {
-        let mut fall = Vec::new();
-        for (back, levels) in seen {
-            fall.push((*back, self.lit(input, levels[input])?));
+    /// The gap as an input has seen the light fall; only when that is as it must be.
+    fn gap_told(&self, side: Side, input: usize, seen: &[(f64, [f64; 2])]) -> Result<Fall, Trouble> {
+        let mut levels = Vec::new();
+        for (back, seen) in seen {
+            levels.push((*back, self.lit(input, seen[input])?));
         }
-        let optics = self.options.optics;
-        let way = &fall[..RETREATS_UM.len()];
-        let reason = match optics.gap_um(way) {
-            _ if (fall[0].1 - fall[RETREATS_UM.len()].1).abs() > SAME_DB => "it has changed meanwhile",
-            Some(gap_um) if optics.gap_residual_db(gap_um, way) < FALL_DB => return Ok(gap_um),
+        let reach = self.options.optics.reach_um();
+        let reason = match Fall::of(&levels) {
+            _ if (levels[0].1 - levels[RETREATS_UM.len()].1).abs() > SAME_DB => "it has changed meanwhile",
+            Some(fall) if !(REACH[0]..REACH[1]).contains(&(fall.reach_um / reach)) => {
+                "it falls as between other modes or in another medium"
+            }
+            Some(fall) if fall.residual_db < DEVIATIONS * LEVEL_DB => return Ok(fall),
             _ => "it does not fall with the distance as it must",
         };
-        Err(Trouble::Gap { side, seen: fall, reason })
+        Err(Trouble::Gap { side, seen: levels, reason })
     }
 
     /// Levels of all channels here.

@@ -84,6 +84,31 @@ pub enum Trouble {
         /// What was seen.
         levels_dbm: Vec<f64>,
     },
+    /// A turn takes the fibre aside: what the light says of angles is nothing.
+    #[error(
+        "a turn about {around} bends the light {times:.1} times as much as modes of these radii do: the fibre goes aside as \
+         it turns, and how the faces stand is not told; nothing approaches the chip. Is the compensation on \
+         (COMP:STATe ON) and the calibration that of this stage?"
+    )]
+    Astray {
+        /// Coordinate of both sides.
+        around: String,
+        /// Against what the data sheets say.
+        times: f64,
+    },
+    /// A stage has not come as much nearer as it went.
+    #[error(
+        "{side:?} side: the gap was {:.1} um and, {way_um:.1} um nearer, {:.1} um; nothing approaches the chip farther. \
+         Does the chip move, does the stage go where it is told?", gaps_um[0], gaps_um[1]
+    )]
+    Way {
+        /// Which side.
+        side: Side,
+        /// How far it went, um.
+        way_um: f64,
+        /// What was told before and after, um.
+        gaps_um: [f64; 2],
+    },
     /// The way to the chip is not known, and is not gone.
     #[error(
         "{side:?} side: how far the faces are apart is not told by {} dBm: {reason}; nothing approaches the chip. Is the \

@@ -5,8 +5,8 @@ use serde::Serialize;
 
 /// The faces of array and chip have touched: the bench is broken from here on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, thiserror::Error)]
-#[error("collision on the {} side at tick {tick}: a corner of the array is {:.3} um inside the chip; go back to where \
-         the gap was open and approach in smaller steps of z", if *side == Side::Input { "input" } else { "output" },
+#[error("collision on the {} side at tick {tick}: a corner of the array is {:.3} um inside the chip; this is \
+         for good: begin anew with another bench, and keep a wider gap on the way", if *side == Side::Input { "input" } else { "output" },
         -clearance_um)]
 pub struct Collision {
     /// Where.

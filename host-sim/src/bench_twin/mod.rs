@@ -17,7 +17,7 @@ mod station;
 pub use calibrated::MeasuredWith;
 pub use collision::Collision;
 pub use optimum::{Optimum, STARTS};
-pub use options::{Options, Sees, Side, Start};
+pub use options::{Options, Sees, Sheets, Side, Start};
 pub use port::Face;
 pub use settling::SettlingOptions;
 pub use stage::StageErrors;
@@ -25,7 +25,9 @@ pub use stage::StageErrors;
 use crate::identify::{Identification, Refusal};
 use crate::machine::Machine;
 use crate::model::{Chain, Truth};
-use crate::optics::{Array, ArraySize, Burst, DARK_DBM, Meter, Misalignment, Splitter, dbm, milliwatts};
+use crate::optics::{
+    Array, ArraySize, Burst, DARK_DBM, Medium, Meter, Misalignment, Mode, Pair, Splitter, dbm, milliwatts,
+};
 use nalgebra::Vector3;
 use random::Chance;
 use station::Station;
@@ -65,9 +67,19 @@ impl Bench {
         };
         let arrays = [Array::single(), Array::draw(&size, || chance.normal())];
         let mut arrays = arrays.into_iter();
+        let mut chance = Chance::new(seed, 8);
+        let sheets = options.sheets;
+        let refraction = (options.medium.index - 1.0) * (1.0 + sheets.refraction * chance.normal());
+        let medium = Medium { index: 1.0 + refraction, ..options.medium };
+        let mut mode = |mode: Mode| {
+            let times = 1.0 + sheets.radius * chance.normal();
+            Mode { radius_um: mode.radius_um.map(|radius| radius * times) }
+        };
+        let guide = mode(options.guide);
+        let pairs = Side::BOTH.map(|_| Pair::new(guide, mode(options.fibre), medium));
         let stations = Side::BOTH.map(|side| {
             let array = arrays.next().expect("two sides");
-            Station::draw(side, array, options, &mut Chance::new(seed, 1 + side as u64))
+            Station::draw(side, (array, pairs[side.index()]), options, &mut Chance::new(seed, 1 + side as u64))
         });
         let mut chance = Chance::new(seed, 3);
         Bench {
@@ -244,6 +256,11 @@ impl Bench {
             actuators = chain.exact_inverse(wanted)?;
         }
         None
+    }
+
+    /// Least distance of the corners of both arrays from the chip as seen by the last call of [`Bench::light`], um.
+    pub fn clearances_um(&self) -> [f64; 2] {
+        self.stations.each_ref().map(|station| station.clearance_um)
     }
 
     /// By how much the chip has drifted against a stage since tick 0, um.

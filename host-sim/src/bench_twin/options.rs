@@ -56,6 +56,27 @@ impl Start {
     pub const COARSE: Start = Start { lateral_um: 30.0, ..Start::CAMERAS };
 }
 
+/// How far modes and medium are off their data sheets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sheets {
+    /// Standard deviation of a mode radius, a share: the fibre on each side, and the guides.
+    pub radius: f64,
+    /// Standard deviation of the medium's index less 1, a share; so air is exact.
+    pub refraction: f64,
+}
+
+impl Default for Sheets {
+    /// 2 % of a radius; 1.5 % of n - 1, which is 0.5 % of an index of 1.5.
+    fn default() -> Self {
+        Sheets { radius: 0.02, refraction: 0.015 }
+    }
+}
+
+impl Sheets {
+    /// Modes and medium are what their data sheets say.
+    pub const EXACT: Sheets = Sheets { radius: 0.0, refraction: 0.0 };
+}
+
 /// What a bench is drawn of.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Options {
@@ -77,6 +98,8 @@ pub struct Options {
     pub fibre: Mode,
     /// Mode of the guides, which is the same on both sides.
     pub guide: Mode,
+    /// How far the bench is off these data sheets.
+    pub sheets: Sheets,
     /// The chip.
     pub splitter: SplitterSize,
     /// Standard deviation of a core's place in the array in x and in y, um.
@@ -111,6 +134,7 @@ impl Default for Options {
             medium: Medium { wavelength_um: 1.55, index: 1.5 },
             fibre: Mode::round(5.2),
             guide: Mode::round(4.8),
+            sheets: Sheets::default(),
             splitter,
             core_sigma_um: 0.25,
             faces: [

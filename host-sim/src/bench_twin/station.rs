@@ -34,7 +34,7 @@ impl Station {
     }
 
     /// A true stage before its side of the chip, at home.
-    pub fn draw(side: Side, array: Array, options: &Options, chance: &mut Chance) -> Self {
+    pub fn draw(side: Side, (array, pair): (Array, Pair), options: &Options, chance: &mut Chance) -> Self {
         let machine = stage::true_stage(&options.drawing, &options.stage, chance);
         let truth = Truth::new(&machine);
         let start = options.start;
@@ -46,7 +46,7 @@ impl Station {
                 .map(|reach| chance.within(reach.to_radians())),
             clearance_um: chance.between(start.clearance_um),
             face: options.faces[side.index()],
-            pair: Pair::new(options.guide, options.fibre, options.medium),
+            pair,
             array,
             pitch_um: options.splitter.pitch_um,
         });

@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::common::{say, say_json};
-use crate::alignment::{Alignment, Lab, LiveLine, Options, Step, align};
+use crate::alignment::{Alignment, Lab, LiveLine, Options, Step, align, no_setup};
 use crate::bench_twin::{self, Bench, Side, Start};
 use crate::control::LightControl;
 use serde::Serialize;
@@ -21,8 +21,8 @@ pub struct Args {
     /// Start +-30 um off, with a large-area detector behind the chip.
     #[arg(long)]
     coarse: bool,
-    /// Sent to both controllers before, as often as wanted: `--setup "COMP:STAT OFF"`.
-    #[arg(long, value_name = "MESSAGE")]
+    /// Sent to both controllers before, commands alone, as often as wanted: `--setup "COMP:BACK:STAT OFF"`.
+    #[arg(long, value_name = "MESSAGE", value_parser = setup)]
     setup: Vec<String>,
     /// Done at the bench before, as often as wanted: `laser off`, `laser <dBm>`, `fibre <1..8> broken`.
     #[arg(long, value_name = "WORDS", value_parser = str::parse::<LightControl>)]
@@ -48,6 +48,9 @@ struct Report {
     /// The best that this bench allows.
     best_worst_db: f64,
     best_uniformity_db: f64,
+    /// Least distance of any corner of the faces from the chip, input and output side: in the end, and on the way, um.
+    clearance_um: [f64; 2],
+    least_clearance_um: [f64; 2],
 }
 
 impl Args {
@@ -92,9 +95,16 @@ impl Args {
             uniformity_db: worst_db - least,
             best_worst_db: optimum.worst_db,
             best_uniformity_db: optimum.uniformity_db,
+            clearance_um: lab.bench().clearances_um(),
+            least_clearance_um: lab.least_clearances_um(),
         };
         if self.json { say_json(&report) } else { say(text(&report)) }
     }
+}
+
+/// A message that sets something up.
+fn setup(message: &str) -> Result<String, String> {
+    no_setup(message).map_or_else(|| Ok(message.to_owned()), |reason| Err(reason.to_owned()))
 }
 
 /// A line that lives on standard error.
@@ -118,12 +128,17 @@ fn text(report: &Report) -> String {
     let rows: Vec<String> = report.insertion_loss_db.iter().enumerate().map(row).collect();
     format!(
         "| channel | level, dBm | insertion loss, dB |\n|---|---|---|\n{}\n\n\
-         worst {:.3} dB, {:.3} dB above the best that this bench allows; uniformity {:.3} dB (there {:.3} dB); {:.1} s",
+         worst {:.3} dB, {:.3} dB above the best that this bench allows; uniformity {:.3} dB (there {:.3} dB); {:.1} s;\n\
+         nearest corners {:.2} and {:.2} um from the chip, {:.2} and {:.2} um on the way",
         rows.join("\n"),
         report.worst_db,
         report.worst_db - report.best_worst_db,
         report.uniformity_db,
         report.best_uniformity_db,
-        report.alignment.seconds
+        report.alignment.seconds,
+        report.clearance_um[0],
+        report.clearance_um[1],
+        report.least_clearance_um[0],
+        report.least_clearance_um[1]
     )
 }

@@ -36,6 +36,9 @@ pub struct Probe {
     pub at: Coordinate,
     /// Commanded way from the best place, um or degrees.
     pub way: f64,
+    /// Of which climb over two coordinates, from 0 in the order in which they begin: an angle climb has several, and a
+    /// re-peaked one has others within.
+    pub climb: usize,
     /// The pass, from 0 in each climb.
     pub pass: usize,
     /// There was more light than at the best place.
@@ -57,6 +60,10 @@ pub struct Log {
     pub moves: usize,
     /// Readings of the light.
     pub readings: usize,
+    /// What it is at, or was in the end.
+    pub step: &'static str,
+    /// Climbs begun.
+    pub climbs: usize,
     /// After every turn it went back to the peak in x and y.
     pub repeaked: bool,
 }
@@ -64,12 +71,9 @@ pub struct Log {
 impl Log {
     /// Probes of the last pass of the last climb in x and y.
     pub fn last_lateral(&self) -> impl Iterator<Item = &Probe> {
-        let lateral = |probe: &&Probe| !probe.at.axis.is_rotary();
-        let last = self.probes.iter().rev().find(lateral).map(|probe| probe.pass);
-        // backwards to where the pass began
-        let tail =
-            self.probes.iter().rev().take_while(move |probe| !probe.at.axis.is_rotary() && Some(probe.pass) == last);
-        tail.collect::<Vec<_>>().into_iter().rev()
+        let lateral = || self.probes.iter().filter(|probe| !probe.at.axis.is_rotary());
+        let last = lateral().next_back().map(|probe| (probe.climb, probe.pass));
+        lateral().filter(move |probe| Some((probe.climb, probe.pass)) == last)
     }
 
     /// Probes of angles right after the turn; none where it went back to the peak first.
@@ -85,6 +89,7 @@ impl Log {
 pub fn climb<B: Witness>(bus: &mut B, setup: &[String], step_um: f64, log: &mut Log) -> Result<(), BusError> {
     let mut climber = Climber::new(bus, log, 1);
     climber.prepare(setup)?;
+    climber.log.step = "x and y";
     climber.passes([Axis::X, Axis::Y], step_um)
 }
 
@@ -96,15 +101,19 @@ pub fn climb<B: Witness>(bus: &mut B, setup: &[String], step_um: f64, log: &mut 
 pub fn angle_climb<B: Witness>(bus: &mut B, setup: &[String], repeak: bool, log: &mut Log) -> Result<(), BusError> {
     let mut climber = Climber::new(bus, log, 1);
     climber.prepare(setup)?;
+    climber.log.step = "x and y";
     climber.passes([Axis::X, Axis::Y], FREE_STEP_UM)?;
+    climber.log.step = "pitch and yaw";
     climber.repeak = repeak;
     climber.log.repeaked = repeak;
     climber.passes([Axis::Alpha, Axis::Beta], ANGLE_STEP_DEG)?;
     climber.repeak = false;
+    climber.log.step = "gap";
     for side in Side::BOTH {
         let along = climber.bus.gap_um(side) - GAP_UM;
         climber.step(Coordinate { side, axis: Axis::Z }, along)?;
     }
+    climber.log.step = "x and y at the gap";
     climber.passes([Axis::X, Axis::Y], FREE_STEP_UM)
 }
 
@@ -122,6 +131,7 @@ impl<'a, B: Witness> Climber<'a, B> {
     }
 
     fn prepare(&mut self, setup: &[String]) -> Result<(), BusError> {
+        self.log.step = "setup";
         for side in Side::BOTH {
             let mut controller = Controller::new(self.bus, side);
             controller.run(&setup.join(";:"), 1.0)?;
@@ -161,11 +171,13 @@ impl<'a, B: Witness> Climber<'a, B> {
     }
 
     fn climb_over(&mut self, sides: &[Side], axes: [Axis; 2], step: f64) -> Result<(), BusError> {
+        let climb = self.log.climbs;
+        self.log.climbs += 1;
         let mut level = self.read()?.0;
         for pass in 0..MOST_PASSES {
             for &side in sides {
                 for axis in axes {
-                    self.along(Coordinate { side, axis }, step, pass)?;
+                    self.along(Coordinate { side, axis }, step, [climb, pass])?;
                 }
             }
             let now = self.read()?.0;
@@ -177,8 +189,8 @@ impl<'a, B: Witness> Climber<'a, B> {
         Ok(())
     }
 
-    /// To the best place along one coordinate.
-    fn along(&mut self, at: Coordinate, step: f64, pass: usize) -> Result<(), BusError> {
+    /// To the best place along one coordinate, in this climb and pass.
+    fn along(&mut self, at: Coordinate, step: f64, [climb, pass]: [usize; 2]) -> Result<(), BusError> {
         let (mut level, mut best) = self.read()?;
         let (mut before, mut here) = (best, 0.0);
         // counted in whole steps, so that nothing adds up
@@ -191,7 +203,7 @@ impl<'a, B: Witness> Climber<'a, B> {
                 self.go(at, (next - here) * step)?;
                 let (now, after) = self.read()?;
                 let taken = now > level;
-                self.log.probes.push(Probe { at, way: (next - top) * step, pass, taken, best, before, after });
+                self.log.probes.push(Probe { at, way: (next - top) * step, climb, pass, taken, best, before, after });
                 (here, before) = (next, after);
                 if taken {
                     (level, best, top, misses) = (now, after, next, 0);

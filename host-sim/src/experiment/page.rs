@@ -1,7 +1,7 @@
 //! The page: one self-contained HTML file.
 
 use super::findings::{Finding, Topic};
-use super::tables::{ROWS, failures, mechanisms, number};
+use super::tables::{ROWS, failures, gained, mechanisms, number};
 use super::{Experiment, PAPER, Search, plots};
 use crate::report::Mode;
 use crate::report::page::{Section, Swatch, caption, framed, legend};
@@ -10,6 +10,10 @@ use maud::{Markup, html};
 /// What this page has beyond the style of all.
 const MORE_STYLE: &str = "svg .faint { opacity: 0.45; } svg .limit { color: var(--alarm); } td.words { white-space: nowrap; } \
     tr.second td, tr.second th { color: var(--soft); }";
+
+/// What the drawings by runs show of those without a figure.
+const NO_END: &str = "In red at the right: runs that ended in an error or a collision. They have no dot and count as worse than every other one; where they are more than a tenth, the line goes on to the \
+    right edge, and where they are half, there is no median.";
 
 /// The page as HTML.
 pub fn render(e: &Experiment) -> String {
@@ -21,6 +25,7 @@ pub fn render(e: &Experiment) -> String {
         gains(e),
         times(e),
         every(e),
+        why(e),
         limits(e),
         scenario(e),
     ];
@@ -33,6 +38,16 @@ pub fn render(e: &Experiment) -> String {
 
 fn names() -> Vec<(String, &'static str)> {
     Mode::ALL.iter().map(|mode| (format!("c-{}", mode.name()), mode.words())).collect()
+}
+
+/// Those of which the gain is drawn; said of which it is chance.
+fn acting() -> Vec<(String, &'static str)> {
+    let chance = |mode: Mode| match mode {
+        Mode::Coupling => "coupling (can not act here: chance)",
+        Mode::Pivot => "rotation centre (can not act here: chance)",
+        other => other.words(),
+    };
+    Mode::ALL[1..].iter().map(|mode| (format!("c-{}", mode.name()), chance(*mode))).collect()
 }
 
 fn list(findings: &[Finding], topic: Topic) -> Markup {
@@ -54,7 +69,8 @@ fn table(e: &Experiment, mode: Mode, number_in_paper: usize) -> Section {
     let channels = groups.first().map_or(0, |group| group.channels_db.len());
     let body = html! {
         (caption("table", "Insertion losses in dB. In medians and percentiles a run that ended in an error or a collision is worse than every other one; a dash: \
-            the percentile lies among those. Failed besides: more than 0.5 dB above the optimum, robust search over 20 s."))
+            the percentile lies among those, or there are fewer than 10 runs to take a 90th percentile of. Failed besides: more than 0.5 dB above the optimum; robust search nearer to the chip than \
+            the working gap, or over 20 s."))
         div.wide { table.dense {
             thead {
                 tr {
@@ -94,7 +110,7 @@ fn losses(e: &Experiment) -> Section {
         figure {
             (legend(Swatch::Bar, &names()))
             (plots::losses(e))
-            figcaption { "A dot is a run. Bar: median; line: from the 10th to the 90th percentile. Dashed: 0.5 dB, above which a run counts as failed. What is nearer than the left end is drawn there." }
+            figcaption { "A dot is a run. Bar: median; line: from the 10th to the 90th percentile (of 10 runs or more). Dashed: 0.5 dB, above which a run counts as failed. What is nearer than the left end is drawn there. " (NO_END) }
         }
     };
     Section { id: "losses", title: "Loss above the optimum", body }
@@ -103,10 +119,10 @@ fn losses(e: &Experiment) -> Section {
 fn gains(e: &Experiment) -> Section {
     let body = html! {
         figure {
-            (legend(Swatch::Curve, &names()[1..]))
+            (legend(Swatch::Curve, &acting()))
             (plots::gains(e))
-            figcaption { "By how much the worst channel is better than on the same bench without compensation. Dots: medians; lines: from the 10th to the 90th percentile. The points of \
-                one step are drawn beside each other." }
+            figcaption { "By how much the worst channel is better than on the same bench without compensation. Dots: medians; thick lines: their 95 % intervals (of 6 benches or more); thin lines: from the 10th to the 90th percentile (of 10 or more). \
+                The points of one step are drawn beside each other, to both sides of it. Coupling and rotation centre have nothing to correct in these climbs: their spread is what chance does." }
         }
     };
     Section { id: "gains", title: "Step of the climb against gain", body }
@@ -117,7 +133,7 @@ fn times(e: &Experiment) -> Section {
         figure {
             (legend(Swatch::Bar, &names()))
             (plots::times(e))
-            figcaption { "Simulated time with the moves and messages as they are: stages of 2 mm/s, serial lines of 115 200 baud; on a logarithmic scale." }
+            figcaption { "Simulated time with the moves and messages as they are: stages of 2 mm/s, serial lines of 115 200 baud; on a logarithmic scale. " (NO_END) }
         }
     };
     Section { id: "times", title: "Time", body }
@@ -125,12 +141,11 @@ fn times(e: &Experiment) -> Section {
 
 fn every(e: &Experiment) -> Section {
     let body = html! {
-        (caption("table", "Medians and 90th percentiles over all benches. Better / worse: benches on which the worst channel has less, more loss than without compensation. \
-            The mechanisms are told from the truth of the twin, run by run."))
+        (caption("table", "Medians and 90th percentiles over all benches. The mechanisms are told from the truth of the twin, run by run."))
         div.wide { table.dense {
             thead {
                 tr { th rowspan="2" { "Search" } th.left rowspan="2" { "on" } th colspan="2" { "above optimum, dB" } th colspan="2" { "uniformity above optimum\u{2019}s, dB" }
-                    th rowspan="2" { "gain, dB" } th rowspan="2" { "better / worse" } th colspan="2" { "time, s" } th rowspan="2" { "trapped in play" } th rowspan="2" { "pivot con\u{ad}founding" }
+                    th colspan="2" { "time, s" } th rowspan="2" { "trapped in play" } th rowspan="2" { "pivot con\u{ad}founding" }
                     th.left rowspan="2" { "failed" } }
                 tr { @for _ in 0..3 { th { "median" } th { "90 %" } } }
             }
@@ -140,8 +155,6 @@ fn every(e: &Experiment) -> Section {
                         th { @if group.compensation == Mode::None { (group.of.words()) } }
                         td.left.words { (group.compensation.words()) }
                         @for q in [group.above_optimum_db, group.uniformity_above_optimum_db] { td { (number(q.median, 3)) } td { (number(q.p90, 3)) } }
-                        td { @if group.compensation != Mode::None { (number(group.gain_db.median, 3)) } }
-                        td { @if group.compensation != Mode::None { (group.better_worse[0]) " / " (group.better_worse[1]) } }
                         td { (number(group.seconds.median, 1)) } td { (number(group.seconds.p90, 1)) }
                         @for told in mechanisms(group) { td { (told) } }
                         td.left.words { (failures(group)) }
@@ -150,7 +163,46 @@ fn every(e: &Experiment) -> Section {
             }
         } }
     };
+    let body = html! {
+        (body)
+        (caption("table", "What the worst channel gains against no compensation on the same bench, with the 95 % interval of the median; better / worse: benches on which it has less, more loss; \
+            a gain or a loss is one whose interval lies beside 0. Where a compensation can not act, the difference is chance: messages of another length, and with them other noise of the meter."))
+        div.wide { table.dense {
+            thead { tr { th { "Search" } th.left { "on" } th { "gain, dB" } th { "95 % interval" } th { "better / worse" } th.left { "says" } } }
+            tbody {
+                @for group in e.groups.iter().filter(|group| group.compensation != Mode::None) {
+                    @let [gain, interval, count, says] = gained(group);
+                    tr {
+                        th { @if group.compensation == Mode::ALL[1] { (group.of.words()) } }
+                        td.left.words { (group.compensation.words()) }
+                        td { (gain) } td.words { (interval) } td.words { (count) } td.left.words { (says) }
+                    }
+                }
+            }
+        } }
+    };
     Section { id: "every", title: "Every search with every compensation", body }
+}
+
+fn why(e: &Experiment) -> Section {
+    let body = html! {
+        (caption("table", "Of an error or a collision: what the search said, and after or in which of its steps. Of a run that ended too far from the optimum: what has to be mended until it is within 0.5 dB, \
+            told from where the stages truly stood, and the mechanism of a climb. The whole text of every run is in --json."))
+        div.wide { table.dense {
+            thead { tr { th { "Search" } th.left { "on" } th.left { "failed" } th { "runs" } th.left { "why" } th { "first seed" } } }
+            tbody {
+                @for group in e.groups.iter().filter(|group| !group.causes.is_empty()) {
+                    @for cause in &group.causes {
+                        tr {
+                            th { (group.of.words()) } td.left.words { (group.compensation.words()) }
+                            td.left.words { (cause.kind.words()) } td { (cause.runs) } td.left { (cause.cause) } td { (cause.seed) }
+                        }
+                    }
+                }
+            }
+        } }
+    };
+    Section { id: "why", title: "Why runs failed", body }
 }
 
 fn limits(e: &Experiment) -> Section {

@@ -3,7 +3,7 @@
 use super::findings::play_um;
 use super::statistics::Quantiles;
 use super::tables::number;
-use super::{Experiment, NEAR_ENOUGH_DB, Run, STEPS_UM, Search};
+use super::{Experiment, Kind, NEAR_ENOUGH_DB, Run, STEPS_UM, Search};
 use crate::report::Mode;
 use crate::report::plot::{Frame, Scale, curve, dot, drawing, line, rectangle, text};
 use maud::{Markup, html};
@@ -52,7 +52,7 @@ fn strips(
 ) -> Markup {
     let group = Mode::ALL.len() as f64 * ROW + 12.0;
     let searches = Search::all();
-    let frame = Frame { x: [190.0, WIDTH - 120.0], y: [searches.len() as f64 * group + 6.0, 0.0] };
+    let frame = Frame { x: [190.0, WIDTH - 150.0], y: [searches.len() as f64 * group + 6.0, 0.0] };
     let across = scale(frame.x);
     let content = html! {
         @for (value, name) in across.ticks() {
@@ -76,7 +76,16 @@ fn strips(
 
 fn strip(runs: &[&Run], mode: Mode, across: &Scale, value: &impl Fn(&Run) -> f64, y: f64, right: f64) -> Markup {
     let q = Quantiles::of(runs.iter().map(|run| run.has_ended().then(|| value(run))));
-    let lost = runs.iter().filter(|run| !run.has_ended()).count();
+    let count =
+        |kind| runs.iter().filter_map(|run| run.failure.as_ref()).filter(|failure| failure.kind == kind).count();
+    let lost: Vec<String> = [(Kind::Error, "error"), (Kind::Collision, "collision")]
+        .into_iter()
+        .filter_map(|(kind, name)| match count(kind) {
+            0 => None,
+            1 => Some(format!("1 {name}")),
+            n => Some(format!("{n} {name}s")),
+        })
+        .collect();
     html! {
         g class=(format!("c-{}", mode.name())) {
             g class="faint" {
@@ -93,18 +102,22 @@ fn strip(runs: &[&Run], mode: Mode, across: &Scale, value: &impl Fn(&Run) -> f64
                 (rectangle("bar", [across.at(median) - 1.5, y - 6.0], [across.at(median) + 1.5, y + 6.0]))
             }
         }
-        @if lost > 0 { (text("small alarm", [right + 8.0, y + 4.0], &format!("{lost} without an end"))) }
+        @if !lost.is_empty() { (text("small alarm", [right + 8.0, y + 4.0], &lost.join(", "))) }
     }
 }
 
 /// Gain by compensation against the step of the climb.
 pub(super) fn gains(e: &Experiment) -> Markup {
     let modes = [Mode::Backlash, Mode::Coupling, Mode::Pivot, Mode::All];
-    let gain = |mode, step_um| e.group(Search::Climb { step_um }, mode).map(|group| group.gain_db).unwrap_or_default();
+    let gained = |mode, step_um| {
+        let group = e.group(Search::Climb { step_um }, mode);
+        group.map(|group| (group.gain_db, group.gain_interval_db)).unwrap_or_default()
+    };
+    let gain = |mode, step_um| gained(mode, step_um).0;
     let every: Vec<f64> = modes
         .into_iter()
-        .flat_map(|mode| STEPS_UM.map(|step| gain(mode, step)))
-        .flat_map(|q| [q.p10, q.p90])
+        .flat_map(|mode| STEPS_UM.map(|step| gained(mode, step)))
+        .flat_map(|(q, interval)| [q.p10, q.median, q.p90, interval.low, interval.high])
         .flatten()
         .collect();
     let ends = [every.iter().copied().fold(0.0, f64::min), every.iter().copied().fold(0.1, f64::max)];
@@ -116,13 +129,17 @@ pub(super) fn gains(e: &Experiment) -> Markup {
         g class="limit" { (line("dash", [across.at(play_um()), frame.y[0]], [across.at(play_um()), frame.y[1]])) }
         (text("small", [across.at(play_um()) + 5.0, frame.y[1] + 4.0], "play of the stage"))
         @for (k, mode) in modes.into_iter().enumerate() {
-            @let aside = (k as f64 - 1.5) * 5.0;
+            // none of them on the line of the play
+            @let aside = (k as f64 - 1.5) * 8.0;
             g class=(format!("c-{}", mode.name())) {
                 (curve("curve", STEPS_UM.iter().filter_map(|step| Some([across.at(*step) + aside, up.at(gain(mode, *step).median?)]))))
                 @for step in STEPS_UM {
-                    @let q = gain(mode, step);
+                    @let (q, interval) = gained(mode, step);
                     @if let Some((low, high)) = q.p10.zip(q.p90) {
                         (line("thin", [across.at(step) + aside, up.at(low)], [across.at(step) + aside, up.at(high)]))
+                    }
+                    @if let Some((low, high)) = interval.low.zip(interval.high) {
+                        (rectangle("bar", [across.at(step) + aside - 1.5, up.at(high)], [across.at(step) + aside + 1.5, up.at(low)]))
                     }
                     @if let Some(median) = q.median { (dot("bar", [across.at(step) + aside, up.at(median)], 3.5)) }
                 }

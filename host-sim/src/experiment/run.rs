@@ -1,18 +1,15 @@
 //! One run: a bench, a compensation, a search.
 
+use super::cause::{Failure, IN_TIME_S, Kind, NEAR_ENOUGH_DB, what_is_left, with_mechanism};
 use super::climb::{Log, angle_climb, climb};
 use super::mechanism::{Mechanisms, carried_um, mechanisms};
 use super::search::{Search, switches};
-use crate::alignment::{self, BusError, Lab, Trouble, align};
+use crate::alignment::{self, Lab, align};
 use crate::bench_twin::{Bench, Optimum, Options, Side};
 use crate::machine::Machine;
 use crate::report::Mode;
 use serde::Serialize;
 
-/// A run that ends farther from the optimum has failed, dB.
-pub const NEAR_ENOUGH_DB: f64 = 0.5;
-/// A robust search that takes longer has failed, s.
-pub const IN_TIME_S: f64 = 20.0;
 /// Time of a move on the slow bench, s.
 const SLOW_MOVE_S: f64 = 0.05;
 /// Time of a reading on it, s.
@@ -34,6 +31,7 @@ impl Prepared {
     ///
     /// # Errors
     /// When the measurements do not tell all constants.
+    #[inline(never)]
     pub fn new(seed: u64) -> Result<Self, String> {
         // stages, chip and array do not depend on the start; neither does the optimum, which is sought from the chip
         let bench = bench(seed, Search::Robust);
@@ -45,20 +43,6 @@ impl Prepared {
 /// The bench of a seed as a search finds it.
 pub fn bench(seed: u64, search: Search) -> Bench {
     Bench::seeded(seed, &Options { start: search.start(), ..Options::default() })
-}
-
-/// How a run ended.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Failure {
-    /// The search gave an error.
-    Error(String),
-    /// The faces have touched.
-    Collision(String),
-    /// More than 0.5 dB above the optimum.
-    Far,
-    /// More than 20 s.
-    Late,
 }
 
 /// What a climb has besides.
@@ -98,6 +82,8 @@ pub struct Run {
     pub uniformity_db: f64,
     /// The same less that of the optimum, dB.
     pub uniformity_above_optimum_db: f64,
+    /// Least distance of the corners of either side from the chip in the end, um.
+    pub clearance_um: f64,
     /// Simulated time to the end, s.
     pub seconds: f64,
     /// Why it counts as failed.
@@ -109,13 +95,15 @@ pub struct Run {
 impl Run {
     /// It came to an end, good or bad.
     pub fn has_ended(&self) -> bool {
-        !matches!(self.failure, Some(Failure::Error(_) | Failure::Collision(_)))
+        self.failure.as_ref().is_none_or(|failure| failure.kind.has_ended())
     }
 
     /// Runs.
     ///
     /// # Errors
     /// When the controllers refuse the calibration.
+    // inlined, the bench would lie on the stack of each level of whoever shares the runs out among the cores
+    #[inline(never)]
     pub fn new(prepared: &Prepared, search: Search, mode: Mode) -> Result<Self, String> {
         let bench = bench(prepared.seed, search);
         let mut lab = Lab::new(bench, &prepared.calibrated, prepared.seed)?;
@@ -127,11 +115,22 @@ impl Run {
         let worst_db = losses_db.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let uniformity_db = worst_db - losses_db.iter().copied().fold(f64::INFINITY, f64::min);
         let above_optimum_db = worst_db - optimum.worst_db;
+        let climb = (!search.is_robust()).then(|| climbed(&lab, &log));
+        let (tick, poses, bench) = (lab.tick(), lab.poses(), lab.bench());
+        let clearance_um = Side::BOTH
+            .map(|side| bench.clearance_um(side, tick, &poses[side.index()]))
+            .into_iter()
+            .fold(f64::MAX, f64::min);
         let failure = match end {
-            Err(Trouble::Bus(BusError::Collision(collision))) => Some(Failure::Collision(collision.to_string())),
-            Err(error) => Some(Failure::Error(error.to_string())),
-            Ok(()) if above_optimum_db > NEAR_ENOUGH_DB => Some(Failure::Far),
-            Ok(()) if search.is_robust() && seconds > IN_TIME_S => Some(Failure::Late),
+            Err(failure) => Some(failure),
+            Ok(()) if above_optimum_db > NEAR_ENOUGH_DB => {
+                let left = what_is_left(bench, tick, &poses, optimum);
+                Some(Failure::of_end(Kind::Far, with_mechanism(left, climb.map(|climb| climb.mechanisms))))
+            }
+            Ok(()) if search.is_robust() && clearance_um < bench.options().working_gap_um => {
+                Some(Failure::of_end(Kind::Close, "nearer to the chip than the working gap"))
+            }
+            Ok(()) if search.is_robust() && seconds > IN_TIME_S => Some(Failure::of_end(Kind::Late, "took too long")),
             Ok(()) => None,
         };
         Ok(Run {
@@ -144,25 +143,30 @@ impl Run {
             uniformity_db,
             uniformity_above_optimum_db: uniformity_db - optimum.uniformity_db,
             losses_db,
+            clearance_um,
             seconds,
             failure,
-            climb: (!search.is_robust()).then(|| climbed(&lab, &log)),
+            climb,
         })
     }
 }
 
-/// To the end; when that was, s.
-fn go(lab: &mut Lab, search: Search, mode: Mode, log: &mut Log) -> (Result<(), Trouble>, f64) {
+/// To the end, or why not; when that was, s.
+fn go(lab: &mut Lab, search: Search, mode: Mode, log: &mut Log) -> (Result<(), Failure>, f64) {
     let mut options = alignment::Options::default();
     options.setup.extend(switches(mode));
+    // without the rotation centre turns may tell nothing: what the start leaves is known
+    options.untold_deg = Some(search.start().angle_deg);
     let end = match search {
-        Search::Climb { step_um } => climb(lab, &options.setup, step_um, log).map_err(Trouble::from),
-        Search::AngleClimb => angle_climb(lab, &options.setup, false, log).map_err(Trouble::from),
-        Search::AngleClimbRepeaked => angle_climb(lab, &options.setup, true, log).map_err(Trouble::from),
+        Search::Climb { step_um } => climb(lab, &options.setup, step_um, log),
+        Search::AngleClimb => angle_climb(lab, &options.setup, false, log),
+        Search::AngleClimbRepeaked => angle_climb(lab, &options.setup, true, log),
         Search::Robust | Search::RobustNear => {
-            align(lab, &options, &mut |_| ()).map(|_| ()).map_err(|ended| ended.trouble)
+            let end = align(lab, &options, &mut |_| ()).map(|_| ()).map_err(|ended| Failure::of_alignment(&ended));
+            return (end, alignment::Bus::seconds(lab));
         }
     };
+    let end = end.map_err(|error| Failure::of_climb(error, log.step));
     // nothing ran before the search began
     (end, alignment::Bus::seconds(lab))
 }

@@ -69,6 +69,13 @@ impl Search {
         }
     }
 
+    /// A compensation has something to correct in it. In a climb over x and y alone nothing turns: what cross-coupling and
+    /// rotation centre correct does not change, and a difference from `none` is chance.
+    pub fn is_touched_by(self, mode: Mode) -> bool {
+        let lateral = matches!(self, Search::Climb { .. });
+        mode != Mode::None && !(lateral && matches!(mode, Mode::Coupling | Mode::Pivot))
+    }
+
     /// It is [`align`](crate::alignment::align).
     pub fn is_robust(self) -> bool {
         matches!(self, Search::Robust | Search::RobustNear)

@@ -1,11 +1,17 @@
 //! Medians and percentiles of runs of which some never came to an end.
 
-use super::run::{Failure, Run};
+use super::cause::Kind;
+use super::interval::{Interval, Verdict};
+use super::run::Run;
 use super::search::Search;
 use crate::report::Mode;
 use serde::Serialize;
 
-/// Median, 10th and 90th percentile; none where it lies among runs without an end.
+/// Values below which there is no 10th and no 90th percentile.
+pub const ENOUGH_FOR_PERCENTILES: usize = 10;
+
+/// Median, 10th and 90th percentile; none where it lies among runs without an end, and no 10th and 90th of fewer than
+/// ten values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quantiles {
     /// 10th percentile.
@@ -29,11 +35,12 @@ impl Quantiles {
             let value = if share == 0.0 { low } else { low + (high - low) * share };
             value.is_finite().then_some(value)
         };
-        Quantiles { p10: part(0.1), median: part(0.5), p90: part(0.9) }
+        let outer = |p: f64| (sorted.len() >= ENOUGH_FOR_PERCENTILES).then(|| part(p)).flatten();
+        Quantiles { p10: outer(0.1), median: part(0.5), p90: outer(0.9) }
     }
 }
 
-/// How many runs failed, and why.
+/// How many runs failed, and how.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Failures {
     /// By an error.
@@ -42,14 +49,59 @@ pub struct Failures {
     pub collision: usize,
     /// More than 0.5 dB above the optimum.
     pub far: usize,
+    /// Nearer to the chip than the working gap.
+    pub close: usize,
     /// More than 20 s.
     pub late: usize,
 }
 
 impl Failures {
+    fn of(runs: &[&Run]) -> Self {
+        let [error, collision, far, close, late] = Kind::ALL.map(|kind| {
+            runs.iter().filter_map(|run| run.failure.as_ref()).filter(|failure| failure.kind == kind).count()
+        });
+        Failures { error, collision, far, close, late }
+    }
+
     /// All.
-    pub const fn all(&self) -> usize {
-        self.error + self.collision + self.far + self.late
+    pub fn all(&self) -> usize {
+        self.each().map(|(_, runs)| runs).iter().sum()
+    }
+
+    /// One kind after the other.
+    pub const fn each(&self) -> [(Kind, usize); 5] {
+        let Failures { error, collision, far, close, late } = *self;
+        [(Kind::Error, error), (Kind::Collision, collision), (Kind::Far, far), (Kind::Close, close), (Kind::Late, late)]
+    }
+}
+
+/// Failures of the same kind for the same reason after the same step.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Cause {
+    /// How.
+    pub kind: Kind,
+    /// Why, and after which step.
+    pub cause: String,
+    /// How many runs.
+    pub runs: usize,
+    /// The first of these benches.
+    pub seed: u64,
+}
+
+impl Cause {
+    /// Of runs, the most frequent first.
+    fn of(runs: &[&Run]) -> Vec<Self> {
+        let mut causes: Vec<Cause> = Vec::new();
+        for run in runs {
+            let Some(failure) = &run.failure else { continue };
+            let words = failure.words();
+            match causes.iter_mut().find(|cause| cause.kind == failure.kind && cause.cause == words) {
+                Some(cause) => cause.runs += 1,
+                None => causes.push(Cause { kind: failure.kind, cause: words, runs: 1, seed: run.seed }),
+            }
+        }
+        causes.sort_by_key(|cause| (cause.kind, std::cmp::Reverse(cause.runs)));
+        causes
     }
 }
 
@@ -67,6 +119,8 @@ pub struct Group {
     pub runs: usize,
     /// How many of them failed.
     pub failures: Failures,
+    /// And why.
+    pub causes: Vec<Cause>,
     /// Insertion loss of each channel, dB.
     pub channels_db: Vec<Quantiles>,
     /// Of the worst channel, dB.
@@ -81,8 +135,15 @@ pub struct Group {
     pub seconds: Quantiles,
     /// Of a climb: time with 50 ms a move and 100 ms a reading, s.
     pub slow_seconds: Option<Quantiles>,
-    /// By how much the worst channel is better than with nothing on, bench by bench, dB.
+    /// By how much the worst channel is better than with nothing on, bench by bench, dB. Where only one of the two has an
+    /// end it is infinite, and nothing where neither has.
     pub gain_db: Quantiles,
+    /// Interval of its median.
+    pub gain_interval_db: Interval,
+    /// What that says; nothing of `none` itself.
+    pub gain_verdict: Option<Verdict>,
+    /// The compensation has something to correct in this search; else its gain is chance.
+    pub can_act: bool,
     /// On how many benches it is better than with nothing on, and on how many it is worse.
     pub better_worse: [usize; 2],
     /// Climbs that were trapped in play.
@@ -99,25 +160,20 @@ impl Group {
         let quantiles =
             |value: &dyn Fn(&Run) -> f64| Quantiles::of(runs.iter().map(|run| run.has_ended().then(|| value(run))));
         let climbs = || runs.iter().filter_map(|run| run.climb);
-        let failed =
-            |which: fn(&Failure) -> bool| runs.iter().filter(|run| run.failure.as_ref().is_some_and(which)).count();
         let worst = |run: &Run| if run.has_ended() { run.worst_db } else { f64::INFINITY };
         let pairs = || runs.iter().zip(bare).map(|(run, bare)| (worst(run), worst(bare)));
-        // a bench on which either has no end tells no gain: it counts as the worst
-        let gains = pairs().map(|(run, bare)| Some(run - bare).filter(|gain| gain.is_finite()));
-        let loss = Quantiles::of(gains);
+        let gains: Vec<f64> = pairs().map(|(run, bare)| gain(bare, run)).collect();
+        // the worst gain is the lowest
+        let loss = Quantiles::of(gains.iter().map(|gain| Some(-gain)));
+        let interval = Interval::of(gains);
         let channels = runs.first().map_or(0, |run| run.losses_db.len());
         Group {
             search: of.name(),
             of,
             compensation,
             runs: runs.len(),
-            failures: Failures {
-                error: failed(|f| matches!(f, Failure::Error(_))),
-                collision: failed(|f| matches!(f, Failure::Collision(_))),
-                far: failed(|f| *f == Failure::Far),
-                late: failed(|f| *f == Failure::Late),
-            },
+            failures: Failures::of(runs),
+            causes: Cause::of(runs),
             channels_db: (0..channels).map(|channel| quantiles(&|run| run.losses_db[channel])).collect(),
             worst_db: quantiles(&|run| run.worst_db),
             above_optimum_db: quantiles(&|run| run.above_optimum_db),
@@ -131,6 +187,9 @@ impl Group {
                 median: loss.median.map(|v| -v),
                 p90: loss.p10.map(|v| -v),
             },
+            gain_interval_db: interval,
+            gain_verdict: (compensation != Mode::None).then(|| interval.verdict()),
+            can_act: of.is_touched_by(compensation),
             better_worse: [
                 pairs().filter(|(run, bare)| run < bare).count(),
                 pairs().filter(|(run, bare)| run > bare).count(),
@@ -142,9 +201,22 @@ impl Group {
     }
 }
 
+/// By how much the second is less; two without an end differ by nothing.
+pub fn gain(first: f64, second: f64) -> f64 {
+    let gain = first - second;
+    if gain.is_nan() { 0.0 } else { gain }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::Quantiles;
+    use super::{Quantiles, gain};
+
+    #[test]
+    fn a_bench_that_ends_only_with_compensation_is_a_gain_and_one_that_ends_only_without_a_loss() {
+        let never = f64::INFINITY;
+        assert_eq!([gain(never, 10.0), gain(10.0, never), gain(never, never)], [never, -never, 0.0]);
+        assert_eq!(gain(11.0, 10.0), 1.0);
+    }
 
     #[test]
     fn runs_without_an_end_are_worse_than_every_other_one_and_never_dropped() {
@@ -156,5 +228,7 @@ mod tests {
         assert_eq!(Quantiles::of(values(6)).median, None);
         assert_eq!(Quantiles::of([]), Quantiles::default());
         assert_eq!(Quantiles::of([Some(2.0), None]).median, None, "half way to nowhere");
+        let few = Quantiles::of((0..9).map(|n| Some(f64::from(n))));
+        assert_eq!((few.p10, few.median, few.p90), (None, Some(4.0), None), "nine have no tenth part");
     }
 }

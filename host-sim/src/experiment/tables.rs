@@ -1,5 +1,6 @@
 //! The tables as Markdown, in the form of Tables 7 and 8 of the paper, and what stands behind them.
 
+use super::findings::{ends, seen};
 use super::statistics::{Group, Quantiles};
 use super::{Experiment, Search};
 use crate::report::Mode;
@@ -24,11 +25,15 @@ type Part = fn(&Quantiles) -> Option<f64>;
 /// Both percentiles of a row: median and 90th.
 pub(super) const ROWS: [(&str, Part); 2] = [("median", |q| q.median), ("90 %", |q| q.p90)];
 
-/// Why runs failed, in a few words.
+/// How many runs failed, and how, in a few words.
 pub(super) fn failures(group: &Group) -> String {
-    let f = group.failures;
-    let parts = [(f.error, "error"), (f.collision, "collision"), (f.far, "> 0.5 dB"), (f.late, "> 20 s")];
-    let parts: Vec<_> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, why)| format!("{n} {why}")).collect();
+    let parts: Vec<_> = group
+        .failures
+        .each()
+        .into_iter()
+        .filter(|(_, runs)| *runs > 0)
+        .map(|(kind, runs)| format!("{runs} {}", kind.words()))
+        .collect();
     if parts.is_empty() { "0".into() } else { parts.join(", ") }
 }
 
@@ -37,6 +42,18 @@ pub(super) fn mechanisms(group: &Group) -> [String; 2] {
     let told = |n: usize, is: bool| if is { n.to_string() } else { String::new() };
     let climb = !group.of.is_robust();
     [told(group.trapped, climb), told(group.confounded, climb && group.of != Search::AngleClimbRepeaked)]
+}
+
+/// Gain with its interval, benches that are better and worse, and what that says; empty of `none`, which is compared with.
+pub(super) fn gained(group: &Group) -> [String; 4] {
+    let Some(verdict) = group.gain_verdict else { return Default::default() };
+    let [better, worse] = group.better_worse;
+    [
+        number(group.gain_db.median, 3),
+        ends(&group.gain_interval_db, 2).unwrap_or_else(|| number(None, 2)),
+        format!("{better} / {worse}"),
+        if group.can_act { seen(verdict).into() } else { "can not act: chance".into() },
+    ]
 }
 
 /// All tables.
@@ -67,6 +84,8 @@ pub fn tables(experiment: &Experiment) -> String {
     }
     let _ = writeln!(text, "## Every compensation\n");
     by_mode(&mut text, experiment);
+    let _ = writeln!(text, "## Why runs failed\n");
+    why(&mut text, experiment);
     let _ = writeln!(text, "## What follows\n");
     for finding in &experiment.findings {
         let _ = writeln!(text, "- {}", finding.text);
@@ -105,26 +124,43 @@ fn paper_table(text: &mut String, experiment: &Experiment, mode: Mode) {
 fn by_mode(text: &mut String, experiment: &Experiment) {
     let _ = writeln!(
         text,
-        "| Search | on | above optimum, dB | 90 % | uniformity above optimum's, dB | 90 % | gain, dB | better / worse | time, s | 90 % | trapped in play | pivot confounding | failed |"
+        "| Search | on | above optimum, dB | 90 % | uniformity above optimum's, dB | 90 % | gain, dB | 95 % interval | better / worse | says | time, s | 90 % | trapped in play | pivot confounding | failed |"
     );
-    let _ = writeln!(text, "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|");
+    let _ = writeln!(text, "|---|---|---:|---:|---:|---:|---:|---:|---:|---|---:|---:|---:|---:|---|");
     for group in &experiment.groups {
         let [trapped, confounded] = mechanisms(group);
-        let [better, worse] = group.better_worse;
+        let [gain, interval, count, says] = gained(group);
         let _ = writeln!(
             text,
-            "| {} | {} | {} | {} | {} | {} | {} | {better} / {worse} | {} | {} | {trapped} | {confounded} | {} |",
+            "| {} | {} | {} | {} | {} | {} | {gain} | {interval} | {count} | {says} | {} | {} | {trapped} | {confounded} | {} |",
             group.of.words(),
             group.compensation.name(),
             number(group.above_optimum_db.median, 3),
             number(group.above_optimum_db.p90, 3),
             number(group.uniformity_above_optimum_db.median, 3),
             number(group.uniformity_above_optimum_db.p90, 3),
-            number(group.gain_db.median, 3),
             number(group.seconds.median, 1),
             number(group.seconds.p90, 1),
             failures(group)
         );
+    }
+    let _ = writeln!(text);
+}
+
+fn why(text: &mut String, experiment: &Experiment) {
+    let _ = writeln!(text, "| Search | on | failed | runs | why | first seed |\n|---|---|---|---:|---|---:|");
+    for group in &experiment.groups {
+        for cause in &group.causes {
+            let (search, on) = (group.of.words(), group.compensation.name());
+            let _ = writeln!(
+                text,
+                "| {search} | {on} | {} | {} | {} | {} |",
+                cause.kind.words(),
+                cause.runs,
+                cause.cause,
+                cause.seed
+            );
+        }
     }
     let _ = writeln!(text);
 }

@@ -20,7 +20,7 @@ use stage_controller::units::SEGMENT_NS;
 /// Ticks of 1 us in a segment.
 const SEGMENT_TICKS: u64 = SEGMENT_NS / 1000;
 /// The switch has settled after this many ticks of 1 us: 40 segments.
-const SWITCH_TICKS: u64 = 40 * SEGMENT_TICKS;
+pub(crate) const SWITCH_TICKS: u64 = 40 * SEGMENT_TICKS;
 /// Before a mean is taken the meter settles for so long, ticks: 40 segments.
 const SETTLE_TICKS: u64 = 40 * SEGMENT_TICKS;
 /// Readings of a mean, one a segment.

@@ -1,8 +1,8 @@
 //! From poses to light, readings and samples.
 
 use super::{HOME, SEGMENT, still};
-use host_sim::bench_twin::{Bench, Options, Sees, Side, Start};
-use host_sim::optics::{Adc, Burst, DARK_DBM, FrontEnd, Mode, Pair};
+use host_sim::bench_twin::{Bench, Options, Sees, Sheets, Side, Start};
+use host_sim::optics::{Adc, Burst, DARK_DBM, FrontEnd, Medium, Mode, Pair};
 
 #[test]
 fn an_array_that_looks_at_the_guide_loses_less_than_one_that_looks_away() {
@@ -23,7 +23,7 @@ fn an_array_that_looks_at_the_guide_loses_less_than_one_that_looks_away() {
 
 #[test]
 fn the_loss_of_a_channel_is_splitter_and_both_couplings() {
-    let options = still();
+    let options = Options { sheets: Sheets::EXACT, ..still() };
     let bench = Bench::seeded(6, &options);
     let pair = Pair::new(Mode::round(4.8), Mode::round(5.2), options.medium);
     let mut excess = Vec::new();
@@ -129,4 +129,22 @@ fn from_ten_micrometres_most_benches_show_light_at_once_and_from_thirty_few_do()
     println!("figure: more than -55 dBm at home in 400 benches, fibre 1 and detector: 10 um {near:?}, 30 um {far:?}");
     assert!(near[0] > 0.8 && near[1] > near[0]);
     assert!(far[0] < 0.3 && far[1] > far[0] && far[1] < 0.6);
+}
+
+#[test]
+fn every_bench_has_modes_of_its_own_about_the_data_sheets_and_air_is_air() {
+    let index = |index: f64| Medium { index, ..Options::default().medium };
+    let loss = |seed: u64, sheets: Sheets, medium: Medium| {
+        let bench = Bench::seeded(seed, &Options { sheets, medium, ..still() });
+        bench.losses(0, &bench.optimum().poses)[0]
+    };
+    let drawn: Vec<f64> = (1..=3).map(|seed| loss(seed, Sheets::default(), index(1.5))).collect();
+    for (seed, drawn) in (1..).zip(drawn) {
+        assert_eq!(drawn, loss(seed, Sheets::default(), index(1.5)), "the same seed, the same modes");
+        let told = (drawn - loss(seed, Sheets::EXACT, index(1.5))).abs();
+        assert!(told > 1e-5 && told < 0.2, "{told}");
+    }
+    let medium_alone = Sheets { radius: 0.0, ..Sheets::default() };
+    assert_eq!(loss(1, medium_alone, index(1.0)), loss(1, Sheets::EXACT, index(1.0)));
+    assert_ne!(loss(1, medium_alone, index(1.5)), loss(1, Sheets::EXACT, index(1.5)));
 }

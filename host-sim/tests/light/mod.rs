@@ -81,8 +81,8 @@ impl Bench {
         if self.spot.bursts.0 > 0 && self.samples.is_multiple_of(self.spot.bursts.0) {
             level += self.spot.bursts.1;
         }
-        // 1 mW a volt, 3.3 V are 32760
-        let code = (10f64.powf(level / 10.0) / 3.3 * 32760.0).round().clamp(0.0, 32760.0) as u16;
+        // 1 mW a volt, 3.3 V are 32768
+        let code = (10f64.powf(level / 10.0) / 3.3 * 32768.0).round().clamp(0.0, 32760.0) as u16;
         self.console.board.set_power([code, code / 2]);
         answer
     }

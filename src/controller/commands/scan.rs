@@ -4,7 +4,7 @@ use super::sense::{NOT_A_NUMBER, answer as answer_level};
 use crate::controller::front::Front;
 use crate::error::{Error, ErrorNumber};
 use crate::refill::border::POWER_INPUTS;
-use crate::scan::{self, Definition, Kind, LINES, PATIENCE, POINTS, SCANS, TURNS};
+use crate::scan::{self, Definition, Kind, LEAST_POINTS, LINES, PATIENCE, POINTS, SCANS, TURNS};
 use crate::scpi::params::Params;
 use crate::scpi::parser::Call;
 use crate::scpi::response::Response;
@@ -18,7 +18,8 @@ const AXIS: u8 = 10;
 const SECOND_AXIS: u8 = 11;
 const AXES: u8 = 12;
 
-/// Parameters behind the number, in their order; from the threshold on they may be missing.
+/// Parameters behind the number, in their order; from the threshold on they may be missing, but for that of a spiral,
+/// which looks for light.
 const fn fields(kind: Kind) -> &'static [u8] {
     const CHANNEL: u8 = scan::CHANNEL as u8;
     const RANGE: u8 = scan::RANGE as u8;
@@ -56,7 +57,7 @@ fn bounds(own: &Definition, slot: usize) -> (Unit, i32, i32) {
     match slot {
         scan::CHANNEL => (Unit::COUNT, 1, POWER_INPUTS as i32),
         scan::NUMBER if own.kind == Kind::Hill => (Unit::COUNT, 1, PATIENCE),
-        scan::NUMBER => (Unit::COUNT, 3, POINTS),
+        scan::NUMBER => (Unit::COUNT, LEAST_POINTS, POINTS),
         scan::THRESHOLD => (Unit::LEVEL, DARK / 1000, BRIGHT / 1000),
         scan::LEAST => (unit, 1, own.values[scan::STEP]),
         // no more lines or turns than there may be
@@ -117,8 +118,9 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
     }
     let mut definition = Definition { defined: true, kind, count: 1, ..Definition::NONE };
     definition.values[scan::THRESHOLD] = DARK / 1000;
+    let optional = scan::THRESHOLD + usize::from(kind == Kind::Spiral)..scan::VALUES;
     for field in fields(kind) {
-        if params.is_empty() && (scan::THRESHOLD..scan::VALUES).contains(&usize::from(*field)) {
+        if params.is_empty() && optional.contains(&usize::from(*field)) {
             break;
         }
         take(&mut definition, *field, &mut params)?;

@@ -57,24 +57,28 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
     Ok(Flow::Done)
 }
 
-/// As many records a call as fit; the cursor counts those that are answered.
+/// In the cursor: the answer is a block.
+const BLOCK: u32 = 1 << 16;
+
+/// As many records a call as fit; the cursor counts those that are answered, and remembers how.
 #[inline(never)]
 fn data(front: &Front, call: &Call<'_>, out: &mut Response) -> Result<Flow, Error> {
     let mut params = call.params;
     let first = params.integer(0, RECORDS as i64 - 1)? as u16;
-    let packed = front.format() == Format::Packed;
+    let cursor = out.cursor();
+    let packed = if cursor == 0 { front.format() == Format::Packed } else { cursor & BLOCK != 0 };
     // as many as there are, and as fit a block
     let there = i64::from(front.trace().points().saturating_sub(first));
     let most = if packed { there.min(PACKED_MOST as i64) } else { there };
-    let done = out.cursor() as u16;
+    let done = cursor as u16;
     // what was promised is sent, though another recording may have begun meanwhile
-    let count = params.integer(1, if done == 0 { most } else { RECORDS as i64 })? as u16;
-    if done == 0 && packed {
+    let count = params.integer(1, if cursor == 0 { most } else { RECORDS as i64 })? as u16;
+    if cursor == 0 && packed {
         out.block_head(usize::from(count) * PACKED);
     }
     for n in done..count {
         if out.room() < TEXT {
-            out.resume_at(n.into());
+            out.resume_at(u32::from(n) | if packed { BLOCK } else { 0 });
             return Ok(Flow::More);
         }
         let Told { tick, counts, power } = front.trace_record(first + n);

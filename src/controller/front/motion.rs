@@ -210,10 +210,12 @@ impl Front {
         Ok(())
     }
 
-    /// Decelerates an axis, and every coordinated move that it belongs to.
+    /// Decelerates an axis, and every coordinated move and scan that it belongs to.
     pub fn stop(&mut self, axis: Axis) {
         self.stop_homing(axis);
-        self.stop_scan();
+        if self.scan_has(axis) {
+            self.stop_scan();
+        }
         if self.preload.take().is_some() {
             self.planner.stop_coordinated();
         }

@@ -292,7 +292,10 @@ impl Front {
     pub(super) fn follow_stop(&mut self) {
         match self.emergency_stop {
             EmergencyStop::Armed if self.report.latched => self.latch(),
-            EmergencyStop::Rearming if !self.report.latched => self.emergency_stop = EmergencyStop::Armed,
+            EmergencyStop::Rearming if !self.report.latched => {
+                self.emergency_stop = EmergencyStop::Armed;
+                self.forget_samples();
+            }
             EmergencyStop::Rearming if self.report.inputs.stop => {
                 self.emergency_stop = EmergencyStop::Latched;
                 self.rearm = false;

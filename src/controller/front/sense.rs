@@ -91,28 +91,36 @@ impl Front {
         self.sense.latest.as_ref()
     }
 
+    /// The samples so far say nothing of the light now.
+    pub(super) fn forget_samples(&mut self) {
+        (self.sense.latest, self.sense.count) = (None, 0);
+    }
+
     /// Settings of an input, 0 or 1.
     pub fn sense_settings(&self, channel: usize) -> &SenseSettings {
         &self.settings.sense[channel & 1]
     }
 
-    /// Puts settings of an input, 0 or 1, in force.
+    /// Puts settings of an input, 0 or 1, in force; a scan that was stopped cannot go on with others.
     ///
     /// # Errors
     /// -213 while a scan runs.
     pub fn set_sense(&mut self, channel: usize, settings: &SenseSettings) -> Result<(), Error> {
         self.not_scanning()?;
+        self.forget_stopped_scan();
         self.settings.sense[channel & 1] = *settings;
         Ok(())
     }
 
-    /// Mean of the latest samples of an input: none before the first one. At rest those alone count that were taken since
+    /// Mean of the latest samples of an input: none before the first one, and while the emergency stop is latched, in which
+    /// none are taken. At rest those alone count that were taken since
     /// the motors stand and the meter has followed: pending until there are enough of them.
     pub fn read_power(&mut self, channel: usize) -> Poll<Option<Reading>> {
         self.sense.watched |= 1 << (channel & 7);
         let settings = &self.settings.sense[channel & 1];
-        let Some(latest) = self.sense.latest else { return Poll::Ready(None) };
-        let comes = self.report.played.saturating_sub(latest.played) < RECENT && !self.is_stopped();
+        // what was seen before a stop says nothing of now
+        let Some(latest) = self.sense.latest.filter(|_| !self.is_stopped()) else { return Poll::Ready(None) };
+        let comes = self.report.played.saturating_sub(latest.played) < RECENT;
         if comes && !self.is_moving() && self.abort == Abort::None {
             let wanted = u64::from(settings.average) + late_segments(settings);
             if u64::from(self.sense.still) < wanted {

@@ -86,12 +86,13 @@ impl Front {
         Ok(())
     }
 
-    /// Takes over settings of axes: rates and limits at any time, backlash width and mode, wiring and homing at
-    /// standstill.
+    /// Takes over settings of axes: rates and limits at any time but in a scan, backlash width and mode, wiring and homing
+    /// at standstill.
     ///
     /// # Errors
-    /// 104 when backlash width, mode or reserve, the wiring or the homing change while moving.
+    /// -213 while a scan runs, whose route was checked with those of before, 104 when backlash width, mode or reserve, the wiring or the homing change while moving.
     pub fn set_axes(&mut self, settings: &Settings) -> Result<(), Error> {
+        self.not_scanning()?;
         for (new, own) in settings.axes.iter().zip(&self.settings.axes) {
             let reserve = |a: &AxisSettings| (a.backlash.mode, a.backlash.distance, a.backlash.velocity);
             if reserve(new) != reserve(own) || (new.wiring, new.home) != (own.wiring, own.home) {

@@ -60,7 +60,8 @@ const SECOND_AXIS: Param = param("axis2", Kind::AxisNumber);
 const SCAN_RANGE: Param = param("range", Kind::Span);
 const PITCH: Param = param("pitch", Kind::Span);
 const STEP: Param = param("step", Kind::Span);
-const THRESHOLD: Param = Param { name: "threshold", kind: Kind::Level, optional: true, extremes: true };
+const LIGHT: Param = param("threshold", Kind::Level);
+const THRESHOLD: Param = Param { optional: true, ..LIGHT };
 const END: Param =
     Param { name: "end", kind: Kind::Choice(&["PEAK", "STAY", "STARt", "FIRSt"]), optional: true, extremes: false };
 const FLANK: Param =
@@ -623,7 +624,7 @@ pub const TABLE: &[Entry] = &[
     mask(
         C::ScanSpiral,
         "SCAN:DEFine:SPIRal",
-        &[SCAN, CHANNEL, AXIS, SECOND_AXIS, SCAN_RANGE, PITCH, STEP, THRESHOLD, END],
+        &[SCAN, CHANNEL, AXIS, SECOND_AXIS, SCAN_RANGE, PITCH, STEP, LIGHT, END],
         "A square spiral outwards, its turns a step apart, sampled in motion.",
     )
     .asked_with(&[SCAN])
@@ -652,7 +653,7 @@ pub const TABLE: &[Entry] = &[
     mask(
         C::ScanParabola,
         "SCAN:DEFine:PARabola",
-        &[SCAN, CHANNEL, AXIS, SCAN_RANGE, param("points", Kind::Integer(3, 101)), THRESHOLD, END, FLANK],
+        &[SCAN, CHANNEL, AXIS, SCAN_RANGE, param("points", Kind::Integer(5, 101)), THRESHOLD, END, FLANK],
         "Points about where the stage stands, measured at rest on one flank.",
     )
     .asked_with(&[SCAN])

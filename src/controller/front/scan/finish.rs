@@ -5,7 +5,7 @@ use crate::controller::front::light::LinePeak;
 use crate::controller::front::{Front, LightMemory};
 use crate::scan::peak::{self, Peak};
 use crate::scan::real::Real;
-use crate::scan::{END, Kind, SCAN_AXES, STEP, end, status};
+use crate::scan::{END, Kind, RANGE, SCAN_AXES, STEP, end, status};
 use crate::sense::DARK;
 
 impl Front {
@@ -33,9 +33,10 @@ impl Front {
             Kind::Raster => self.raster_found(),
             _ => {
                 // the greatest sample: no better than the turns lie apart
-                let (level, place) = scan.best;
+                (scan.outcome.level, scan.place) = scan.best;
                 let half = scan.definition.values[STEP].unsigned_abs() / 2;
-                self.found(place, level, [half; SCAN_AXES]);
+                let reach = scan.definition.reach();
+                self.best_found(half, reach);
             }
         }
     }
@@ -62,17 +63,14 @@ impl Front {
         }
     }
 
+    #[inline(never)]
     fn peak_found(&mut self, place: [i32; SCAN_AXES], peak: &Peak, sigma: [u32; SCAN_AXES]) {
         let Some(scan) = self.light.scan_mut() else { return };
         if peak.strays {
             scan.outcome.status |= status::OUTLIERS;
         }
-        let dark = scan.best.0 <= DARK || scan.outcome.status & status::LIGHT == 0;
-        if peak.edge && !dark && scan.outcome.status & status::SATURATED == 0 {
-            scan.outcome.status |= status::EDGE;
-            return self.fail_scan("no maximum within the range");
-        }
-        self.found(place, peak.level, sigma);
+        (scan.place, scan.outcome.level, scan.outcome.sigma) = (place, peak.level, sigma);
+        self.found(peak.edge);
     }
 
     /// All lines of a raster have been sampled: a parabola over their peaks, and a straight line through their places.
@@ -93,52 +91,73 @@ impl Front {
 
     /// A climb has ended.
     pub(super) fn climbed(&mut self) {
-        let Some(scan) = self.light.scan() else { return };
-        let (climb, step) = (scan.climb, scan.climb.step.unsigned_abs());
-        self.found(climb.best, climb.level, [step; SCAN_AXES]);
+        let Some(scan) = self.light.scan_mut() else { return };
+        let climb = &scan.climb;
+        if climb.is_cut_off() {
+            return self.fail_scan("2000 points, no end");
+        }
+        // where it was sent, not where the nearest step is
+        (scan.outcome.level, scan.place) = (climb.level, climb.best);
+        let (step, reach) = (climb.step.unsigned_abs(), scan.definition.values[RANGE] / 2);
+        self.best_found(step, reach);
+    }
+
+    /// The best of single places, each as good as `sigma`: what lies further out than the reach was not looked at.
+    #[inline(never)]
+    fn best_found(&mut self, sigma: u32, reach: i32) {
+        let Some(scan) = self.light.scan_mut() else { return };
+        scan.outcome.sigma = [sigma; SCAN_AXES];
+        let edge = scan.place.iter().any(|x| x.unsigned_abs() + sigma > reach.unsigned_abs());
+        self.found(edge);
     }
 
     /// The threshold was reached, and the scan ends there.
     pub(super) fn found_light(&mut self) {
         let Some(scan) = self.light.scan_mut() else { return };
-        let place = scan.first;
-        let level = scan.best.0;
+        (scan.place, scan.outcome.level) = (scan.first, scan.best.0);
         scan.outcome.status &= !status::SATURATED;
-        self.found(place, level, [0; SCAN_AXES]);
+        self.found(false);
     }
 
-    /// Something was found; whether it is light is still to be seen.
-    fn found(&mut self, place: [i32; SCAN_AXES], level: i32, sigma: [u32; SCAN_AXES]) {
+    /// Something was found, at the edge or within; whether it is light is still to be seen.
+    #[inline(never)]
+    fn found(&mut self, edge: bool) {
         let Some(scan) = self.light.scan_mut() else { return };
-        let light = scan.outcome.status & status::LIGHT != 0;
-        if scan.outcome.status & status::SATURATED != 0 {
+        let told = &mut scan.outcome.status;
+        if *told & status::SATURATED != 0 {
             return self.fail_scan(TOO_MUCH);
         }
-        if !light || level <= DARK {
+        if *told & status::LIGHT == 0 || scan.outcome.level <= DARK {
             return self.fail_scan(NO_LIGHT);
         }
-        if scan.definition.values[END] != end::FIRST {
-            scan.outcome.status |= status::PEAK;
+        if edge {
+            *told |= status::EDGE;
+            return self.fail_scan("no maximum within the range");
         }
-        (scan.outcome.level, scan.outcome.sigma) = (level, sigma);
-        scan.set_position(place);
+        if scan.definition.values[END] != end::FIRST {
+            *told |= status::PEAK;
+        }
+        scan.tell_position();
         self.conclude();
     }
 
     /// A scan that has found nothing goes back to where it began.
+    #[inline(never)]
     pub(super) fn fail_scan(&mut self, why: &'static str) {
         let Some(scan) = self.light.scan_mut() else { return };
-        scan.fails = Some(why);
+        (scan.fails, scan.outcome.sigma) = (Some(why), [0; SCAN_AXES]);
         if scan.best.0 > i32::MIN {
             // the greatest sample, for whoever wants to look there again
-            let (level, place) = scan.best;
-            scan.outcome.level = level;
-            scan.set_position(place);
+            (scan.outcome.level, scan.place) = scan.best;
+            scan.tell_position();
+        } else {
+            scan.fails = Some(NO_SAMPLES);
         }
         self.conclude();
     }
 
     /// Goes to where the scan ends.
+    #[inline(never)]
     pub(super) fn conclude(&mut self) {
         let Some(scan) = self.light.scan_mut() else { return };
         scan.over = true;
@@ -158,7 +177,7 @@ impl Front {
                 }
             }
         }
-        let ways = [self.before(scan, offsets, downwards), Some(Self::offset_pose(scan, offsets))];
+        let ways = [Some(self.before(scan, offsets, downwards)), Some(Self::offset_pose(scan, offsets))];
         if let Some(running) = self.light.scan_mut() {
             running.ways = ways;
         }
@@ -167,13 +186,13 @@ impl Front {
 }
 
 impl super::Scan {
-    /// Position of the result by offsets.
-    fn set_position(&mut self, place: [i32; SCAN_AXES]) {
-        self.place = place;
-        self.outcome.position = Front::offset_pose(self, place).0;
+    /// Position of the result by its offsets.
+    fn tell_position(&mut self) {
+        self.outcome.position = Front::offset_pose(self, self.place).0;
     }
 }
 
+pub(super) const NO_SAMPLES: &str = "no samples of the power inputs";
 const NO_LIGHT: &str = "no light above the threshold";
 const TOO_MUCH: &str = "power saturated";
 

@@ -24,7 +24,7 @@ use super::{Abort, Front};
 use crate::error::{Error, ErrorNumber};
 use crate::scan::climb::Climb;
 use crate::scan::{Definition, Outcome, SCAN_AXES, SCANS, STEP, status};
-use crate::units::{AXES, Pose, SEGMENT_NS};
+use crate::units::{AXES, Axis, Pose, SEGMENT_NS};
 use route::Leg;
 use sampling::Block;
 
@@ -204,19 +204,19 @@ impl Front {
     /// defined or its steps are smaller than the play, 108, 102 and -222 as moves: nothing moves then.
     pub fn start_scan(&mut self, id: usize) -> Result<(), Error> {
         self.free_to_begin()?;
-        let definition = *self.scan_definition(id)?;
+        let definition = self.scan_definition(id)?;
         let start = self.commanded();
+        self.check_scan(definition, start)?;
+        let (definition, channel) = (*definition, definition.channel());
+        // one that was stopped has ended
+        self.end_scan(0);
         if let Some(memory) = self.light.get_mut() {
             memory.scan = Scan::NONE;
             let scan = &mut memory.scan;
-            (scan.id, scan.definition, scan.start) = (id as u8, definition, start);
+            (scan.id, scan.phase, scan.definition, scan.start) = (id as u8, Phase::Armed, definition, start);
             (scan.climb.step, scan.best.0, scan.outcome) = (definition.values[STEP], i32::MIN, Outcome::FRESH);
         }
-        self.check_scan()?;
-        if let Some(memory) = self.light.get_mut() {
-            memory.scan.phase = Phase::Armed;
-        }
-        self.sense.watched |= 1 << definition.channel();
+        self.sense.watched |= 1 << channel;
         if self.sense.trigger == Trigger::Immediate {
             self.begin_part();
         }
@@ -243,6 +243,11 @@ impl Front {
         Ok(waits)
     }
 
+    /// True when a scan, running or stopped, has this axis.
+    pub(super) fn scan_has(&self, axis: Axis) -> bool {
+        self.light.scan().is_some_and(|scan| scan.definition.axes().contains(&(axis.index() as u8)))
+    }
+
     /// Stops a scan: what moves decelerates. It can go on.
     pub fn stop_scan(&mut self) {
         let Some(scan) = self.light.scan_mut() else { return };
@@ -262,10 +267,9 @@ impl Front {
     /// -221 when there is none; those of [`Front::start_scan`].
     pub fn continue_stopped_scan(&mut self) -> Result<(), Error> {
         self.free_to_begin()?;
-        if self.light.scan().is_none() {
-            return Err(Error::text(ErrorNumber::SettingsConflict, "no stopped scan"));
-        }
-        self.check_scan()?;
+        let none = Error::text(ErrorNumber::SettingsConflict, "no stopped scan");
+        let scan = self.light.scan().ok_or(none)?;
+        self.check_scan(&scan.definition, scan.start)?;
         let Some(scan) = self.light.scan_mut() else { return Ok(()) };
         scan.outcome.status = scan.outcome.status & !status::STOPPED | status::RUNNING;
         if scan.over {
@@ -335,8 +339,7 @@ impl Front {
             Phase::None | Phase::Armed | Phase::Paused => {}
             Phase::Going => {
                 if let Some(way) = scan.ways.iter_mut().find_map(Option::take) {
-                    self.planner.go(way, None);
-                    return;
+                    return self.go_on(way);
                 }
                 match scan.next {
                     Next::Leg => self.start_leg(),
@@ -355,7 +358,7 @@ impl Front {
             Phase::Settling if u64::from(scan.block.count()) >= wanted => self.measured(),
             Phase::Draining | Phase::Settling => {
                 if played > scan.since + wanted + PATIENCE {
-                    self.fail_scan("no samples of the power inputs");
+                    self.fail_scan(finish::NO_SAMPLES);
                 }
             }
             Phase::Crossing => self.found_light(),

@@ -3,9 +3,9 @@
 use super::sampling::Block;
 use super::{Next, Phase, Scan, WAYS};
 use crate::compensation::law::Remembered;
-use crate::controller::front::{Front, LightMemory};
-use crate::error::Error;
-use crate::scan::{Definition, Kind, LEAST, NUMBER, PITCH, RANGE, SCAN_AXES, STEP};
+use crate::controller::front::Front;
+use crate::error::{Error, ErrorNumber};
+use crate::scan::{Definition, Kind, LEAST, NUMBER, PITCH, RANGE, SCAN_AXES, STEP, status};
 use crate::settings::BacklashMode;
 use crate::units::steps::steps_to_units;
 use crate::units::{Axis, Pose, SEGMENT_NS, wide};
@@ -74,6 +74,18 @@ fn run_up(velocity: u64, acceleration: u64, jerk: u64) -> i32 {
     ((by_acceleration + by_jerk) / 2 + 1).min(1 << 28) as i32
 }
 
+/// A pose by offsets from where a scan's axes begin.
+#[inline(never)]
+fn offset_pose(definition: &Definition, start: Pose, offsets: Offsets) -> Pose {
+    let mut pose = start;
+    for (axis, offset) in definition.axes().iter().zip(offsets) {
+        if let Some(x) = pose.0.get_mut(usize::from(*axis)) {
+            *x = x.saturating_add(offset);
+        }
+    }
+    pose
+}
+
 impl Front {
     /// How far the stage goes at a speed while the meter lags behind; nm or nrad.
     fn lag(&self, definition: &Definition, velocity: u64) -> i32 {
@@ -97,16 +109,22 @@ impl Front {
         let axis = definition.axis(along as usize);
         let own = &self.settings.axes[axis.index()];
         // a pitch in the time of a mean, at most the speed of the axis
-        let average = u64::from(self.settings.sense[definition.channel()].average);
-        let pitch = u64::from(values[PITCH].unsigned_abs()) * 1_000_000_000;
-        let velocity = pitch.checked_div(SEGMENT_NS * average).unwrap_or(0).min(own.velocity).max(1);
+        let sense = &self.settings.sense[definition.channel()];
+        let (mut pitch, mut time) = (values[PITCH], SEGMENT_NS * u64::from(sense.average));
+        if spiral {
+            // its sides have no run-up: each gives a mean, and loses less than half a pitch to a late meter
+            pitch = pitch.min(values[STEP]);
+            time = time.max(2 * u64::from(sense.delay_ns));
+        }
+        let pitch = u64::from(pitch.unsigned_abs()) * 1_000_000_000;
+        let velocity = pitch.checked_div(time).unwrap_or(0).min(own.velocity).max(1);
         let half = definition.sign() * (values[RANGE] / 2);
         let mut leg =
             Leg { along: along as u8, motor: axis.index() as u8, from: -half, to: half, velocity, ..Leg::NONE };
         if spiral {
             let [begin, end] = [index, index + 1].map(|n| Definition::corner(n).map(|corner| corner * values[STEP]));
             let k = along as usize & 1;
-            (leg.from, leg.to, leg.beside) = (begin[k], end[k], begin[1 - k]);
+            (leg.from, leg.to, leg.beside) = (begin[k], end[k].min(definition.reach()), begin[1 - k]);
         } else {
             leg.beyond = run_up(velocity, own.acceleration, own.jerk) + self.lag(definition, velocity);
         }
@@ -118,26 +136,23 @@ impl Front {
     }
 
     /// A pose by the offsets of a scan's axes.
-    #[inline(never)]
     pub(super) fn offset_pose(scan: &Scan, offsets: Offsets) -> Pose {
-        let mut pose = scan.start;
-        for (axis, offset) in scan.definition.axes().iter().zip(offsets) {
-            if let Some(x) = pose.0.get_mut(usize::from(*axis)) {
-                *x = x.saturating_add(offset);
-            }
-        }
-        pose
+        offset_pose(&scan.definition, scan.start, offsets)
     }
 
     /// Where a point is approached from: all axes beyond their play. Bit n of `downwards`: axis n downwards.
     #[inline(never)]
-    pub(super) fn before(&self, scan: &Scan, offsets: Offsets, downwards: u8) -> Option<Pose> {
+    pub(super) fn before(&self, scan: &Scan, offsets: Offsets, downwards: u8) -> Pose {
         let mut before = offsets;
         for (n, offset) in before.iter_mut().enumerate().take(scan.definition.count.into()) {
-            let clear = self.clear_way(scan.definition.axis(n));
-            *offset += if downwards >> n & 1 != 0 { clear } else { -clear };
+            let axis = scan.definition.axis(n);
+            let clear = self.clear_way(axis);
+            // an axis that ends in one direction ends in that
+            let ending = self.settings.axes[axis.index()].backlash.mode.ending();
+            let down = ending.map_or(downwards >> n & 1 != 0, |flank| flank.sign() < 0);
+            *offset += if down { clear } else { -clear };
         }
-        Some(Self::offset_pose(scan, before))
+        Self::offset_pose(scan, before)
     }
 
     /// The ways to the part of a scan whose turn it is, and what is done there.
@@ -164,7 +179,7 @@ impl Front {
         // further points lie on the same flank; after a stop the play is taken up anew
         let goes_on = definition.kind == Kind::Parabola && scan.index > 0 && scan.phase != Phase::Paused;
         let plain = goes_on || definition.kind == Kind::Spiral;
-        let before = if plain { None } else { self.before(scan, point, sides) };
+        let before = if plain { None } else { Some(self.before(scan, point, sides)) };
         ([before, Some(Self::offset_pose(scan, point))], next)
     }
 
@@ -187,7 +202,19 @@ impl Front {
             (scan.leg, scan.phase, scan.block, scan.since) = (leg, Phase::Sampling, Block::NONE, played);
         }
         self.refresh();
-        self.planner.go(goal, None);
+        self.go_on(goal);
+    }
+
+    /// Goes to the next point of a scan. Where what came meanwhile does not let it, the scan ends with that error.
+    pub(super) fn go_on(&mut self, to: Pose) {
+        let at = self.commanded();
+        match self.planner.prepare(&self.capability, at, to).and_then(|()| self.check_switches(to)) {
+            Ok(()) => self.planner.go(to, None),
+            Err(error) => {
+                self.end_scan(status::FAILED);
+                self.events.scan = Some(error);
+            }
+        }
     }
 
     /// What a leg changes of what planning goes by: its speed.
@@ -204,10 +231,8 @@ impl Front {
     /// Checks a scan as a whole.
     ///
     /// # Errors
-    /// -221 a climb that the play swallows; 108, 102 and -222 with axis and value.
-    pub(super) fn check_scan(&self) -> Result<(), Error> {
-        let Some(LightMemory { scan, .. }) = self.light.get() else { return Ok(()) };
-        let definition = &scan.definition;
+    /// -221 a climb that the play swallows, or samples on a flank on which the axis never ends; 108, 102 and -222 with axis and value.
+    pub(super) fn check_scan(&self, definition: &Definition, start: Pose) -> Result<(), Error> {
         if definition.kind == Kind::Hill {
             (0..definition.count.into()).try_for_each(|n| self.check_climb(definition, definition.axis(n)))?;
         }
@@ -219,13 +244,20 @@ impl Front {
             let reach = match (definition.kind, n) {
                 (Kind::Line | Kind::Raster, 0) => leg.ends()[1].abs(),
                 (Kind::Raster, _) => -leg.beside,
-                (Kind::Spiral, _) => (definition.turns() + 1).saturating_mul(definition.values[STEP]),
+                (Kind::Spiral, _) => definition.reach(),
                 _ => definition.values[RANGE] / 2,
             };
             let clear = self.clear_way(axis);
-            // a climb may end on either flank
-            let either = definition.kind == Kind::Hill;
             let downwards = n == 0 && definition.is_negative();
+            let ending = self.settings.axes[axis.index()].backlash.mode.ending();
+            if n == 0 && definition.samples_one_way() && ending.is_some_and(|flank| (flank.sign() < 0) != downwards) {
+                return Err(Error::text(
+                    ErrorNumber::SettingsConflict,
+                    "the first axis' BACK:MODE ends on the other flank",
+                ));
+            }
+            // a climb may end on either flank
+            let either = definition.kind == Kind::Hill || ending.is_some();
             (least[n], most[n]) = (-reach, reach);
             if either || !downwards {
                 least[n] = least[n].saturating_sub(clear);
@@ -234,7 +266,7 @@ impl Front {
                 most[n] = most[n].saturating_add(clear);
             }
             for offset in [least[n], most[n]] {
-                let x = i64::from(scan.start.0[axis.index()]) + i64::from(offset);
+                let x = i64::from(start.0[axis.index()]) + i64::from(offset);
                 self.capability.limits.check_coordinate(law, axis, x)?;
             }
         }
@@ -247,7 +279,7 @@ impl Front {
                 *offset = if corner >> k & 1 != 0 { *most } else { *offset };
             }
             let last = n >> definition.count != 0;
-            let to = if last { scan.start } else { Self::offset_pose(scan, offsets) };
+            let to = if last { start } else { offset_pose(definition, start, offsets) };
             self.planner.check(&self.capability, at, to)?;
             self.check_switches(to)?;
             at = to;
@@ -256,7 +288,8 @@ impl Front {
     }
 
     /// # Errors
-    /// -221 when the steps that a climb tries without gain are together not more than the play that is not compensated.
+    /// -221 when the steps that a climb tries without gain are together not more than the play that is not compensated, or
+    /// when its range has no room for more than it.
     fn check_climb(&self, definition: &Definition, axis: Axis) -> Result<(), Error> {
         let own = &self.settings.axes[axis.index()];
         let switches = self.settings.switches;
@@ -268,11 +301,16 @@ impl Front {
             }
             _ => own.backlash_steps(&self.motor(axis)),
         };
-        let play = steps_to_units(steps.into(), self.law().step_q32(axis.index()));
-        let patience = i64::from(definition.values[NUMBER].max(1));
-        let least = i64::from(definition.values[LEAST]);
-        if steps > 0 && least * patience <= play {
-            return Err(Error::swallowed(axis, least, play / patience + 1));
+        // of a definition no value is beyond 2^30
+        let play = steps_to_units(steps.into(), self.law().step_q32(axis.index())).min(1 << 28) as u32;
+        let value = |slot: usize| definition.values[slot].unsigned_abs().max(1);
+        let (least, range) = (value(LEAST), value(RANGE));
+        let enough = play / value(NUMBER) + 1;
+        let by_range = least >= enough;
+        // whole steps to either side of where it begins
+        let (value, bound) = if by_range { (range, 2 * (play / least + 1) * least) } else { (least, enough) };
+        if steps > 0 && value < bound {
+            return Err(Error::swallowed(axis, value.into(), bound.into()));
         }
         Ok(())
     }

@@ -76,8 +76,9 @@ impl Front {
                 if lost && within {
                     scan.outcome.status |= status::LOST;
                 }
-                // a spiral looks for light: where it is, is known to its step alone
-                let unsure = sample.taking_up != 0 && scan.definition.kind != Kind::Spiral;
+                // where the stage is, its own motor says but while it takes up play: other motors that reverse meanwhile
+                // leave their part of the stage where it was; of a spiral the place is known to its step alone
+                let unsure = sample.taking_up >> leg.motor & 1 != 0 && scan.definition.kind != Kind::Spiral;
                 if lost || !within || unsure {
                     scan.block.clear();
                 }
@@ -109,10 +110,8 @@ impl Front {
         let (along, beside) = (offset, scan.leg.beside);
         scan.note(reading, if scan.leg.along == 0 { [along, beside, 0] } else { [beside, along, 0] });
         memory.samples.push((along, reading.level()));
-        if scan.definition.values[END] == end::FIRST
-            && scan.outcome.status & status::LIGHT != 0
-            && scan.phase == Phase::Sampling
-        {
+        // the light of the end of a leg may come when it is over
+        if scan.definition.values[END] == end::FIRST && scan.outcome.status & status::LIGHT != 0 {
             scan.phase = Phase::Crossing;
             self.planner.stop_coordinated();
         }
