@@ -43,28 +43,30 @@ pub enum DT {
     DTAS,
 }
 
-/// What the bus shows at one moment.
+/// What the bus and the gates show at one moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sample {
     /// All lines. Where one read does not show all sixteen, DAV is read before DIO and EOI.
     pub lines: Lines,
-    /// Whether the drivers of DIO, EOI and DAV are on: what the gates made of [`Drive::talk_enable`].
-    pub talk_enabled: bool,
+    /// The gates let data through: [`Drive::arm`] was pulsed, and ATN was not true since.
+    pub armed: bool,
 }
 
-/// What goes to the transceivers and the gates, all at once or in the order of the fields.
+/// What goes to the transceivers and the gates: levels first, then the pulse.
+///
+/// The gates (docs/GPIB-BOARD.md) are one flip-flop, armed by a pulse and cleared by ATN, and two functions:
+/// TE = `talk_enable` and armed; NRFD and NDAC are held unless armed, or ATN is true and `attention_seen`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Drive {
     /// Lines that this device makes true.
     pub lines: Lines,
-    /// ATN as this device knows it. While it differs from ATN, the gates hold NRFD and NDAC.
+    /// The device knows that ATN is true and has the handshake in hand.
     pub attention_seen: bool,
-    /// TE of SN75160 and SN75161: drive DIO, DAV and EOI, receive NRFD and NDAC.
+    /// Drive DIO, DAV and EOI, receive NRFD and NDAC: TE of SN75160 and SN75161, if the gates agree.
     pub talk_enable: bool,
-    /// Clock `talk_enable` into its flip-flop: it differs from what the sample showed.
-    ///
-    /// ATN clears that flip-flop. Clocked at every step it would come back after an ATN that no sample saw.
-    pub strobe: bool,
+    /// Pulse: data may pass. Given only to gates that were seen disarmed, for a pulse at every step would hide an ATN
+    /// that came and went between two samples.
+    pub arm: bool,
     /// PE of SN75160: three-state drivers. Always: without a parallel poll nothing asks for open collector.
     pub pullup_enable: bool,
     /// DC of SN75161: receive ATN, REN and IFC, send SRQ. Always: the device is no controller.
@@ -158,8 +160,10 @@ pub struct Device {
     address: Address,
     states: States,
     source: Source,
-    /// ATN as the last step saw it, and since when it is true.
+    /// Since when ATN is true, as far as steps saw it.
     attention: Option<Nanoseconds>,
+    /// The gates were seen armed, so that their being disarmed tells of an ATN.
+    armed: bool,
     ready: bool,
     offer: Option<Offer>,
     asked: bool,
@@ -187,6 +191,7 @@ impl Device {
             },
             source: Source::IDLE,
             attention: None,
+            armed: false,
             ready: false,
             offer: None,
             asked: false,
@@ -237,7 +242,10 @@ impl Device {
     }
 
     fn run(&mut self, now: Nanoseconds, sample: Sample) -> Option<Event> {
-        let attention = sample.lines.has(Lines::ATN);
+        // an ATN that no sample saw ends what it would have ended
+        let missed = self.armed && !sample.armed;
+        let attention = sample.lines.has(Lines::ATN) || missed;
+        self.armed = sample.armed && !attention;
         self.attention = if attention { self.attention.or(Some(now)) } else { None };
         if sample.lines.has(Lines::IFC) {
             self.states.addressing = Addressing::IDLE;
@@ -275,7 +283,7 @@ impl Device {
         for _ in 0..3 {
             let input = source::Input {
                 active: self.states.addressing.talks(),
-                enabled: sample.talk_enabled,
+                enabled: sample.armed,
                 not_ready: sample.lines.has(Lines::NRFD),
                 not_accepted: sample.lines.has(Lines::NDAC),
                 offer: if polled { Some(self.status_byte()) } else { self.offer },
@@ -285,7 +293,7 @@ impl Device {
             if let Some(left) = self.source.step(now, input) {
                 return Some(self.left(left));
             }
-            if self.source.state == before {
+            if self.source.state == before || self.source.state == SH::SDYS {
                 break;
             }
         }
@@ -359,14 +367,14 @@ impl Device {
     }
 
     fn drive(&self, sample: Sample) -> Drive {
-        let talk_enable = self.states.addressing.talks();
+        let attention_seen = self.attention.is_some();
         Drive {
             lines: self.states.acceptor.lines()
                 | self.source.lines()
                 | Lines::SRQ.when(self.states.service == SR::SRQS),
-            attention_seen: self.attention.is_some(),
-            talk_enable,
-            strobe: talk_enable != sample.talk_enabled,
+            attention_seen,
+            talk_enable: self.states.addressing.talks(),
+            arm: !attention_seen && !sample.armed,
             pullup_enable: true,
             direction: true,
         }

@@ -26,9 +26,9 @@
 //!
 //! let mut device = Device::new(Address::new(5).unwrap());
 //! device.accept();
-//! let quiet = device.step(0, Sample { lines: Lines::NONE, talk_enabled: false });
+//! let quiet = device.step(0, Sample { lines: Lines::NONE, armed: false });
 //! assert_eq!(quiet.drive.lines, Lines::NONE);
-//! let attention = device.step(1_000, Sample { lines: Lines::ATN, talk_enabled: false });
+//! let attention = device.step(1_000, Sample { lines: Lines::ATN, armed: false });
 //! assert_eq!(attention.drive.lines, Lines::NRFD | Lines::NDAC);
 //! ```
 #![no_std]

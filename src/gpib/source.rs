@@ -34,7 +34,7 @@ pub struct Offer {
 pub struct Input {
     /// TACS or SPAS, so ATN is false.
     pub active: bool,
-    /// The drivers are on. ATN takes them away without asking; whoever looks too late sees it here.
+    /// The drivers are on: what was put on the lines stands there.
     pub enabled: bool,
     /// NRFD.
     pub not_ready: bool,
@@ -76,7 +76,7 @@ impl Source {
     /// nba is false from the moment a byte left until the next `offer`, so SWNS and SIWS last one step. Beyond the
     /// diagram DAV waits for an acceptor: without NDAC nobody listens and a byte would be lost.
     pub fn step(&mut self, now: Nanoseconds, on: Input) -> Option<Left> {
-        let interrupted = !on.active || (self.since.is_some() && !on.enabled);
+        let interrupted = !on.active;
         let (state, left) = match self.state {
             SH::SIDS if on.active => (SH::SGNS, None),
             SH::SGNS | SH::SDYS if interrupted => (SH::SIDS, None),
