@@ -36,6 +36,8 @@ struct Gates {
     attention: bool,
     /// The flip-flop.
     armed: bool,
+    /// ATN rose: the flip-flop clears even if ATN is gone when that comes through.
+    clears: bool,
 }
 
 /// A message exchange that answers late.
@@ -50,6 +52,8 @@ pub struct Exchange {
     pub request: bool,
     /// Bytes it still has to say.
     pub answer: VecDeque<Mark>,
+    /// Never at a loss for a byte: counts on.
+    pub endless: Option<u8>,
     offered: Option<Mark>,
     accept_in: u32,
     offer_in: u32,
@@ -109,6 +113,7 @@ impl Board {
     /// ATN goes through transceiver and gates in less than t2.
     pub fn notice(&mut self, now: Time, before: Lines, lines: Lines, random: &mut Random) {
         if before.has(Lines::ATN) != lines.has(Lines::ATN) {
+            self.gates.clears |= lines.has(Lines::ATN);
             self.gate_at = self.gate_at.min(now + between(random, 20, 150));
         }
     }
@@ -117,8 +122,8 @@ impl Board {
         if now == self.gate_at {
             self.gate_at = Time::MAX;
             self.gates.attention = lines.has(Lines::ATN);
-            self.gates.armed &= !self.gates.attention;
-            // an edge while the gates were switching
+            self.gates.armed &= !self.gates.clears;
+            self.gates.clears = self.gates.attention;
             return;
         }
         match self.write.take() {
@@ -203,11 +208,18 @@ impl Exchange {
         self.accept_in = self.accept_in.saturating_sub(1).max(self.deaf as u32);
         if self.offer_in == 1
             && self.offered.is_none()
-            && let Some(mark) = self.answer.pop_front()
+            && let Some(mark) = self.answer.pop_front().or_else(|| count(&mut self.endless))
         {
             self.offered = Some(mark);
             device.offer(mark.0, mark.1);
         }
         self.offer_in = self.offer_in.saturating_sub(1);
     }
+}
+
+/// The next byte of one who counts; every seventh ends a message.
+pub fn count(counter: &mut Option<u8>) -> Option<Mark> {
+    let byte = (*counter)?;
+    *counter = Some(byte.wrapping_add(1));
+    Some((byte, byte % 7 == 6))
 }

@@ -29,6 +29,14 @@ pub enum Op {
     Pause(Time),
 }
 
+/// What a controller told everybody.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Said {
+    Command(u8),
+    Clear,
+    Remote(bool),
+}
+
 /// How a controller loses patience.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Abuse {
@@ -75,8 +83,8 @@ pub struct Controller {
     pub abused: bool,
     pub statuses: Vec<u8>,
     pub parallel: Vec<u8>,
-    /// Commands that every acceptor took.
-    pub commands: Vec<u8>,
+    /// What everybody was told.
+    pub said: Vec<Said>,
     /// A command was cut: nobody knows who took it.
     pub torn: bool,
     blip: Option<Time>,
@@ -119,7 +127,7 @@ impl Controller {
             abused: false,
             statuses: Vec::new(),
             parallel: Vec::new(),
-            commands: Vec::new(),
+            said: Vec::new(),
             torn: false,
             blip: None,
         }
@@ -158,6 +166,9 @@ impl Controller {
             self.abuse = wakes.checked_sub(1).map(|left| (left, abuse));
             if self.abuse.is_none() {
                 self.lose_patience(now, abuse, ledger);
+                if self.blip.is_some() {
+                    return;
+                }
             }
         }
         self.listen(now, lines, ledger, random);
@@ -185,10 +196,13 @@ impl Controller {
         if let Abuse::Blip(length) = abuse {
             // without a word: under ATN there is nothing to blip
             if !attention {
-                if valid {
-                    self.script.pop_front();
+                if let Some(Op::Say(..)) = self.script.front() {
+                    // the byte that was cut is not said again
+                    if valid {
+                        self.script.pop_front();
+                    }
+                    self.phase = Phase::Start;
                 }
-                self.phase = Phase::Start;
                 self.quiet();
                 self.attend(now, true);
                 self.blip = Some(now + length);
@@ -207,6 +221,7 @@ impl Controller {
         }
         self.phase = Phase::Start;
         if !matches!(abuse, Abuse::HangUp(_)) {
+            self.ear = None;
             self.quiet();
         }
     }
@@ -264,7 +279,7 @@ impl Controller {
                 let from = self.attention_at + timing::TALKER_LEAVES;
                 let done = self.source((byte, false), from, now, lines, random);
                 if done {
-                    self.commands.push(byte);
+                    self.said.push(Said::Command(byte));
                 }
                 done
             }
@@ -325,12 +340,14 @@ impl Controller {
                     self.ear = None;
                     self.pull = self.pull.only(Lines::REN) | Lines::IFC;
                     self.drives = false;
+                    self.said.push(Said::Clear);
                     self.phase = Phase::Until(now + length);
                     self.alarm(now + length);
                     false
                 }
             },
             Op::Remote(on) => {
+                self.said.push(Said::Remote(on));
                 let rest = Lines::from_bits(!Lines::REN.bits());
                 self.pull = self.pull.only(rest) | Lines::REN.when(on);
                 true
@@ -380,7 +397,7 @@ impl Controller {
     fn listen(&mut self, now: Time, lines: Lines, ledger: &mut Ledger, random: &mut Random) {
         let hung = matches!(self.script.front(), Some(Op::Pause(_))) && self.abused;
         let Some(ear) = self.ear else { return };
-        if hung {
+        if hung || matches!(self.script.front(), Some(Op::Clear(_))) {
             return;
         }
         let valid = lines.has(Lines::DAV);
@@ -397,7 +414,7 @@ impl Controller {
                 self.left = if mark.1 { 0 } else { self.left.saturating_sub(1) };
                 Ear::Taking { until: now + between(random, 20, 3_000) }
             }
-            Ear::Taking { until } if now >= until => Ear::Taken,
+            Ear::Taking { until } if now >= until && valid => Ear::Taken,
             Ear::Taking { .. } | Ear::Taken if !valid => Ear::Busy { until: now + between(random, 50, 3_000) },
             same => same,
         };

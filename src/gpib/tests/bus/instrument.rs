@@ -1,6 +1,7 @@
 //! Another talker and listener: fast, and written on its own.
 
 use super::Random;
+use super::board::count;
 use super::ledger::{Ledger, Mark};
 use super::{INSTRUMENT, Pull, Time, between};
 use stage_gpib::lines::Lines;
@@ -34,6 +35,7 @@ pub struct Instrument {
     ear: Ear,
     mouth: Mouth,
     pub answer: VecDeque<Mark>,
+    pub endless: Option<u8>,
     pub commands: Vec<u8>,
     at: Time,
 }
@@ -52,6 +54,7 @@ impl Instrument {
             ear: Ear::Off,
             mouth: Mouth::Off,
             answer: VecDeque::new(),
+            endless: None,
             commands: Vec::new(),
             at: Time::MAX,
         }
@@ -106,7 +109,11 @@ impl Instrument {
         match self.mouth {
             Mouth::Off | Mouth::Empty => {
                 let first = self.mouth == Mouth::Off;
-                let next = if self.polled { Some((STATUS, false)) } else { self.answer.pop_front() };
+                let next = if self.polled {
+                    Some((STATUS, false))
+                } else {
+                    self.answer.pop_front().or_else(|| count(&mut self.endless))
+                };
                 self.mouth = Mouth::Empty;
                 if let Some((byte, end)) = next {
                     let until = now + between(random, if first { 1_100 } else { 500 }, 2_500);
@@ -150,7 +157,7 @@ impl Instrument {
                 }
                 Ear::Taking { until: now + between(random, 20, 3_000) }
             }
-            Ear::Taking { until } if now >= until => Ear::Taken,
+            Ear::Taking { until } if now >= until && valid => Ear::Taken,
             Ear::Taking { .. } | Ear::Taken if !valid => Ear::Busy { until: now + between(random, 250, 3_000) },
             same => same,
         };

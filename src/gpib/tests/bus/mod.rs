@@ -136,6 +136,12 @@ impl Bench {
         }
     }
 
+    /// Whether every byte is where it belongs and every time was kept.
+    pub fn check(&self) {
+        self.ledger.balance();
+        assert!(self.watch.late.is_empty(), "{:?}", self.watch.late.first());
+    }
+
     pub fn describe(&self) -> String {
         format!(
             "at {} ns lines {:?}\n board {:?}\n instrument {:?}\n controller {:?}",
