@@ -2,7 +2,16 @@
 
 use super::{Pull, Time};
 use stage_gpib::lines::Lines;
-use stage_gpib::timing;
+
+// the times of the standard once more, so that a wrong constant of the crate is found
+/// T1 of the first byte after ATN, three-state drivers.
+const FIRST: Time = 1_100;
+/// T1 of the others.
+const NEXT: Time = 500;
+/// t2.
+const ATTENTION: Time = 200;
+/// t4.
+const CLEAR: Time = 100_000;
 
 /// Names of the parties in the order of their pulls.
 const NAMES: [&str; 3] = ["device", "instrument", "controller"];
@@ -38,7 +47,7 @@ impl Watch {
         }
 
         // t2, judged by what stood on the lines until now
-        if self.attention.is_some_and(|since| now > since + timing::ATTENTION_ANSWER) {
+        if self.attention.is_some_and(|since| now > since + ATTENTION) {
             if self.pulls[0].drives_data {
                 self.late.push(format!("device drives data under ATN, {now} ns"));
             }
@@ -47,7 +56,7 @@ impl Watch {
             }
         }
         // t4
-        if self.clear.is_some_and(|since| now > since + timing::CLEAR_ANSWER) {
+        if self.clear.is_some_and(|since| now > since + CLEAR) {
             assert!(!self.pulls[0].drives_data, "device drives data under IFC, {now} ns");
             let held = self.pulls[0].lines.has(Lines::NRFD | Lines::NDAC);
             assert!(self.attention.is_some() || !held, "device holds the handshake under IFC, {now} ns");
@@ -62,7 +71,7 @@ impl Watch {
                 self.stands = now;
             }
             if device.lines.has(Lines::DAV) && !before.lines.has(Lines::DAV) {
-                let settle = if self.first { timing::SETTLE_FIRST } else { timing::SETTLE_NEXT };
+                let settle = if self.first { FIRST } else { NEXT };
                 assert!(now - self.stands >= settle, "DAV {} ns after the data", now - self.stands);
                 // once all have heard ATN or IFC they may hold again
                 let quiet = !lines.has(Lines::ATN | Lines::IFC);
@@ -72,12 +81,12 @@ impl Watch {
             }
         }
 
+        if self.attention.is_some() && !lines.has(Lines::ATN) {
+            self.first = true;
+        }
         let since = |was: Option<Time>, line| if lines.has(line) { was.or(Some(now)) } else { None };
         self.attention = since(self.attention, Lines::ATN);
         self.clear = since(self.clear, Lines::IFC);
-        if lines.has(Lines::ATN) {
-            self.first = true;
-        }
         self.lines = lines;
         self.pulls = pulls;
     }
