@@ -358,3 +358,19 @@ fn a_controller_waits_until_clear_and_trigger_were_told() {
         assert!(!alone.own.has(Lines::NDAC));
     }
 }
+
+#[test]
+fn a_request_that_comes_in_the_middle_of_a_poll_waits_for_the_next() {
+    let mut alone = Alone::new();
+    alone.command(0x18, Lines::NONE);
+    alone.command(0x45, Lines::NONE);
+    alone.step(1_000, Lines::NDAC);
+    alone.device.set_status(0x10, true);
+    while !alone.own.has(Lines::DAV) {
+        alone.step(1_000, Lines::NDAC);
+    }
+    assert_eq!(alone.own.byte(), 0x10, "RQS only after SRQ");
+    assert_eq!(alone.step(1_000, Lines::NONE), Some(Event::Polled { status: 0x10, cut: false }));
+    alone.step(1_000, Lines::ATN);
+    assert!(alone.own.has(Lines::SRQ));
+}

@@ -86,7 +86,13 @@ impl Reference {
 fn agrees(bench: &mut Bench) {
     bench.rest(60_000);
     if !bench.controller.torn {
-        assert_eq!(Reference::seen(bench), Reference::of(&bench.controller.said), "{:?} {}", bench.controller.said, bench.describe());
+        assert_eq!(
+            Reference::seen(bench),
+            Reference::of(&bench.controller.said),
+            "{:?} {}",
+            bench.controller.said,
+            bench.describe()
+        );
     }
 }
 
