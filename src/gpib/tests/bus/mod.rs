@@ -48,7 +48,7 @@ pub fn between(random: &mut Random, least: Time, most: Time) -> Time {
 
 /// True once in `n`.
 pub fn once_in(random: &mut Random, n: u64) -> bool {
-    random.bits() % n == 0
+    random.bits().is_multiple_of(n)
 }
 
 /// What a party does to the bus.

@@ -56,7 +56,7 @@ impl Watch {
             }
         }
         // t4
-        if self.clear.is_some_and(|since| now > since + CLEAR) {
+        if self.clear.is_some_and(|since| now >= since + CLEAR) {
             assert!(!self.pulls[0].drives_data, "device drives data under IFC, {now} ns");
             let held = self.pulls[0].lines.has(Lines::NRFD | Lines::NDAC);
             assert!(self.attention.is_some() || !held, "device holds the handshake under IFC, {now} ns");
