@@ -374,3 +374,52 @@ fn a_request_that_comes_in_the_middle_of_a_poll_waits_for_the_next() {
     alone.step(1_000, Lines::ATN);
     assert!(alone.own.has(Lines::SRQ));
 }
+
+#[test]
+fn whatever_was_on_the_lines_after_ifc_the_device_hears_and_speaks() {
+    let mut bits = 1_u64;
+    let mut noise = move || {
+        bits ^= bits << 13;
+        bits ^= bits >> 7;
+        bits ^= bits << 17;
+        bits.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 32
+    };
+    for _ in 0..20_000 {
+        let mut alone = Alone::new();
+        for _ in 0..40 {
+            if noise() % 4 == 0 {
+                alone.device.offer(noise() as u8, noise() % 2 == 0);
+                alone.device.accept();
+            }
+            alone.step(noise() % 3_000, Lines::from_bits(noise() as u16));
+        }
+        alone.device.withdraw();
+        alone.device.accept();
+        for _ in 0..3 {
+            alone.step(1_000, Lines::IFC);
+        }
+        assert_eq!(alone.device.states().addressing, Addressing::IDLE);
+        assert!(!alone.own.has(Lines::from_bits(!Lines::SRQ.bits())), "{:?}", alone.own);
+        // hears
+        alone.command(0x25, Lines::NONE);
+        while alone.own != Lines::NDAC {
+            alone.step(1_000, Lines::NONE);
+        }
+        let byte = Lines::DAV | Lines::of_byte(b'?') | Lines::EOI;
+        assert_eq!(alone.step(1_000, byte), Some(Event::Byte { byte: b'?', end: true }));
+        alone.step(1_000, byte);
+        alone.step(1_000, Lines::NONE);
+        // speaks
+        alone.command(0x19, Lines::NONE);
+        alone.command(0x45, Lines::NONE);
+        alone.device.offer(b'!', true);
+        for _ in 0..10 {
+            alone.step(1_000, Lines::NDAC);
+        }
+        assert_eq!(
+            alone.own.only(Lines::from_bits(!Lines::SRQ.bits())),
+            Lines::of_byte(b'!') | Lines::EOI | Lines::DAV
+        );
+        assert_eq!(alone.step(1_000, Lines::NRFD), Some(Event::Sent { end: true, cut: false }));
+    }
+}

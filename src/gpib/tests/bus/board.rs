@@ -74,6 +74,8 @@ pub struct Board {
     drive: Drive,
     gate_at: Time,
     sample_at: Time,
+    /// The lines were read; the gates are read a little later.
+    read: Option<(Time, Time, Lines)>,
     write: Option<(Time, Drive)>,
 }
 
@@ -92,6 +94,7 @@ impl Board {
             drive: still,
             gate_at: Time::MAX,
             sample_at: 100,
+            read: None,
             write: None,
         }
     }
@@ -107,7 +110,8 @@ impl Board {
     }
 
     pub fn next(&self) -> Time {
-        self.gate_at.min(self.write.map_or(self.sample_at, |(at, _)| at))
+        let read_at = self.read.map_or(self.sample_at, |(at, ..)| at);
+        self.gate_at.min(self.write.map_or(read_at, |(at, _)| at))
     }
 
     /// ATN goes through transceiver and gates in less than t2.
@@ -126,21 +130,20 @@ impl Board {
             self.gates.clears = self.gates.attention;
             return;
         }
-        match self.write.take() {
-            Some((_, drive)) => {
-                self.drive = drive;
-                self.gates.armed |= drive.arm && !self.gates.attention;
-                self.sample_at = now + between(random, 20, self.pace.pause);
+        if let Some((_, drive)) = self.write.take() {
+            self.drive = drive;
+            self.gates.armed |= drive.arm && !self.gates.attention;
+            self.sample_at = now + between(random, 20, self.pace.pause);
+        } else if let Some((_, sampled_at, lines)) = self.read.take() {
+            let armed = if self.fitted { self.gates.armed } else { !lines.has(Lines::ATN) };
+            let step = self.device.step(sampled_at, Sample { lines, armed });
+            if let Some(event) = step.event {
+                self.exchange.hear(&mut self.device, event, ledger, random);
             }
-            None => {
-                let armed = if self.fitted { self.gates.armed } else { !lines.has(Lines::ATN) };
-                let step = self.device.step(now, Sample { lines, armed });
-                if let Some(event) = step.event {
-                    self.exchange.hear(&mut self.device, event, ledger, random);
-                }
-                self.exchange.think(&mut self.device);
-                self.write = Some((now + between(random, 20, self.pace.answer), step.drive));
-            }
+            self.exchange.think(&mut self.device);
+            self.write = Some((now + between(random, 20, self.pace.answer), step.drive));
+        } else {
+            self.read = Some((now + between(random, 10, 100), now, lines));
         }
     }
 
