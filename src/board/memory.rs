@@ -106,14 +106,19 @@ global_asm!(
     "b 2f",
     "1: str r2, [r0], #4",
     "str r2, [r0], #4",
-    "2: subs r1, #8",
+    "str r2, [r0], #4",
+    "str r2, [r0], #4",
+    "2: subs r1, #16",
     "bhs 1b",
-    "lsls r1, r1, #30", // C: four; N: two
-    "it cs",
+    "lsls r1, r1, #29", // C: eight; N: four
+    "itt cs",
+    "strcs r2, [r0], #4",
     "strcs r2, [r0], #4",
     "it mi",
-    "strhmi r2, [r0], #2",
-    "lsls r1, r1, #1", // N: one
+    "strmi r2, [r0], #4",
+    "lsls r1, r1, #2", // C: two; N: one
+    "it cs",
+    "strhcs r2, [r0], #2",
     "it mi",
     "strbmi r2, [r0]",
     "bx lr",

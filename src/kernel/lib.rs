@@ -17,6 +17,7 @@ pub mod compensation;
 pub mod error;
 pub mod motion;
 #[cfg(test)]
+#[path = "../arithmetic/random.rs"]
 mod random;
 pub mod units;
 pub mod wire;

@@ -4,8 +4,8 @@ use super::findings::{Finding, Topic};
 use super::tables::{ROWS, failures, mechanisms, number};
 use super::{Experiment, PAPER, Search, plots};
 use crate::report::Mode;
-use crate::report::page::{STYLE, Section, Swatch, caption, legend};
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use crate::report::page::{Section, Swatch, caption, framed, legend};
+use maud::{Markup, html};
 
 /// What this page has beyond the style of all.
 const MORE_STYLE: &str = "svg .faint { opacity: 0.45; } svg .limit { color: var(--alarm); } td.words { white-space: nowrap; } \
@@ -24,35 +24,11 @@ pub fn render(e: &Experiment) -> String {
         limits(e),
         scenario(e),
     ];
-    let title = "What compensation is worth in light";
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                title { (title) }
-                style { (PreEscaped(STYLE)) (PreEscaped(MORE_STYLE)) }
-            }
-            body {
-                header {
-                    h1 { (title) }
-                    p.sub {
-                        "1 \u{d7} " (e.groups.first().map_or(0, |group| group.channels_db.len())) " splitter \u{b7} " (e.seeds) " benches \u{b7} "
-                        (e.runs.len()) " alignments \u{b7} host-sim " (env!("CARGO_PKG_VERSION"))
-                    }
-                    nav { ol { @for section in &sections { li { a href=(format!("#{}", section.id)) { (section.title) } } } } }
-                }
-                main {
-                    @for (n, section) in sections.iter().enumerate() {
-                        section id=(section.id) { h2 { (n + 1) ". " (section.title) } (section.body) }
-                    }
-                }
-            }
-        }
+    let sub = html! {
+        "1 \u{d7} " (e.groups.first().map_or(0, |group| group.channels_db.len())) " splitter \u{b7} " (e.seeds) " benches \u{b7} "
+        (e.runs.len()) " alignments \u{b7} host-sim " (env!("CARGO_PKG_VERSION"))
     };
-    page.into_string()
+    framed("What compensation is worth in light", &sub, &sections, MORE_STYLE)
 }
 
 fn names() -> Vec<(String, &'static str)> {

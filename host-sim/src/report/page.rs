@@ -4,7 +4,7 @@ use super::{Report, budget, field, paper, provenance, sensitivity, stage, travel
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 /// Style of all pages.
-pub const STYLE: &str = include_str!("style.css");
+const STYLE: &str = include_str!("style.css");
 
 /// A section of the page.
 #[derive(Clone, Debug)]
@@ -30,6 +30,16 @@ pub fn render(report: &Report) -> String {
         provenance::section(&report.provenance),
     ];
     let title = format!("Stage {}: errors and their compensation", report.provenance.machine);
+    let sub = html! {
+        (report.stage.order.join(" \u{2192} ")) " \u{2192} fibre array \u{b7} " (report.provenance.file)
+        " \u{b7} block CRC " (report.provenance.crc())
+        @if let Some(date) = &report.provenance.date { " \u{b7} " (date) }
+    };
+    framed(&title, &sub, &sections, "")
+}
+
+/// A page of sections with its list of contents, self-contained; `more_style` is added to the style of all pages.
+pub fn framed(title: &str, sub: &Markup, sections: &[Section], more_style: &str) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -38,19 +48,13 @@ pub fn render(report: &Report) -> String {
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
                 title { (title) }
-                style { (PreEscaped(STYLE)) }
+                style { (PreEscaped(STYLE)) (PreEscaped(more_style)) }
             }
             body {
                 header {
                     h1 { (title) }
-                    p.sub {
-                        (report.stage.order.join(" \u{2192} ")) " \u{2192} fibre array \u{b7} " (report.provenance.file)
-                        " \u{b7} block CRC " (report.provenance.crc())
-                        @if let Some(date) = &report.provenance.date { " \u{b7} " (date) }
-                    }
-                    nav {
-                        ol { @for section in &sections { li { a href=(format!("#{}", section.id)) { (section.title) } } } }
-                    }
+                    p.sub { (sub) }
+                    nav { ol { @for section in sections { li { a href=(format!("#{}", section.id)) { (section.title) } } } } }
                 }
                 main {
                     @for (n, section) in sections.iter().enumerate() {

@@ -138,9 +138,16 @@ impl Law {
     }
 
     /// [`Law::motors`] as a call: for planning, of which the refill must not pay for the size.
-    #[inline(never)]
     pub fn targets(&self, pose: &FinePose, last: &mut Remembered) -> FineSteps {
-        self.motors(pose, last)
+        let mut steps = FineSteps([0; AXES]);
+        self.write_targets(pose, last, &mut steps);
+        steps
+    }
+
+    /// [`Law::targets`], written over others: without a copy.
+    #[inline(never)]
+    pub fn write_targets(&self, pose: &FinePose, last: &mut Remembered, steps: &mut FineSteps) {
+        self.drive(pose, last, steps);
     }
 
     /// Step counts of a pose at rest.

@@ -11,7 +11,7 @@
 use crate::compensation::law::{Law, Remembered};
 use crate::motion::track::scale;
 use crate::units::rough::Rough;
-use crate::units::{AXES, FinePose};
+use crate::units::{AXES, FinePose, FineSteps};
 
 /// Path position 1.0 in Q60.
 pub const PATH_ONE: i64 = 1 << 60;
@@ -45,8 +45,10 @@ impl Path {
 
     fn at(&self, s: i64) -> FinePose {
         let mut pose = self.origin;
-        for (u, d) in pose.0.iter_mut().zip(&self.direction) {
-            *u = u.saturating_add(scale(*d, s));
+        if s != 0 {
+            for (u, d) in pose.0.iter_mut().zip(&self.direction) {
+                *u = u.saturating_add(scale(*d, s));
+            }
         }
         pose
     }
@@ -69,7 +71,7 @@ pub struct Range {
 #[derive(Clone, Debug, Default)]
 pub struct Bounds {
     /// Motor positions between the stretches, Q32 steps, one half included.
-    samples: [[i64; AXES]; MOST_STRETCHES + 1],
+    samples: [FineSteps; MOST_STRETCHES + 1],
     /// Stretches whose slopes can be told one by one: of a path that turns, while nothing else does.
     pub stretches: usize,
     /// Length of a stretch, path units.
@@ -163,28 +165,28 @@ impl Bounds {
             if k == count {
                 pose = path.at(path.to);
             }
-            *sample = law.targets(&pose, &mut remembered).0;
+            law.write_targets(&pose, &mut remembered, sample);
             for (u, way) in pose.0.iter_mut().zip(&way) {
                 *u = u.wrapping_add(*way);
             }
         }
-        self.range.ends = [self.samples[0], self.samples.get(count).copied().unwrap_or_default()];
+        self.range.ends = [self.samples[0].0, self.samples.get(count).copied().unwrap_or_default().0];
     }
 
     /// Range, curvature and slope of a motor by what its samples show.
     fn follow(&mut self, law: &Law, i: usize, count: usize, turns: bool) {
         let samples = self.samples.get(..=count).unwrap_or_default();
         let [first, rest @ ..] = samples else { return };
-        let (mut last, mut before) = (first[i], 0);
+        let (mut last, mut before) = (first.0[i], 0);
         let (mut lowest, mut highest, mut bent) = (i64::MAX, i64::MIN, 0);
         for sample in rest {
-            let way = sample[i].wrapping_sub(last);
+            let way = sample.0[i].wrapping_sub(last);
             if lowest <= highest {
                 bent = way.abs_diff(before).max(bent);
             }
             lowest = lowest.min(way);
             highest = highest.max(way);
-            (last, before) = (sample[i], way);
+            (last, before) = (sample.0[i], way);
         }
         let (shortest, longest) = {
             let (one, other) = (lowest.unsigned_abs(), highest.unsigned_abs());
@@ -220,7 +222,7 @@ impl Bounds {
         let mut range = self.between_ends(i);
         for pair in self.samples.get(..=count).unwrap_or_default().windows(2) {
             let [last, at] = pair else { continue };
-            let (lower, upper) = (last[i].min(at[i]), last[i].max(at[i]));
+            let (lower, upper) = (last.0[i].min(at.0[i]), last.0[i].max(at.0[i]));
             let beyond = if upper.abs_diff(lower) / 2 <= bulge { (bulge / 4 + 1) as i64 } else { 0 };
             range = (range.0.min(lower - beyond), range.1.max(upper + beyond));
         }
@@ -256,11 +258,13 @@ impl Bounds {
     /// |m'| of a motor, steps per path unit, within the [`Bounds::stretches`] of which the farther ends are as many
     /// stretches from one end of the path or the other.
     pub fn slope_at(&self, distance: usize, i: usize) -> Rough {
-        let way = |k: usize| match self.samples.get(k..k + 2) {
-            Some([from, to]) => to[i].abs_diff(from[i]),
-            _ => 0,
-        };
-        self.steepest(way(distance - 1).max(way(self.stretches - distance)), i)
+        let mut longest = 0;
+        for k in [distance - 1, self.stretches - distance] {
+            if let Some([from, to]) = self.samples.get(k..k + 2) {
+                longest = to.0[i].abs_diff(from.0[i]).max(longest);
+            }
+        }
+        self.steepest(longest, i)
     }
 
     /// From now on the bounds while other tracks may turn by `others` nrad, which bends the path.

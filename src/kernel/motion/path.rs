@@ -17,8 +17,13 @@ pub(super) struct Point {
 
 impl Point {
     /// After `n` segments in which the acceleration goes linearly to `a1`.
+    pub fn after(mut self, n: u32, a1: i128) -> Option<Point> {
+        self.advance(n, a1).map(|()| self)
+    }
+
+    /// Goes on for `n` segments in which the acceleration goes linearly to `a1`.
     #[inline(never)]
-    pub fn after(self, n: u32, a1: i128) -> Option<Point> {
+    fn advance(&mut self, n: u32, a1: i128) -> Option<()> {
         let mut s = wide::times(self.v, n)?;
         let mut v = self.v;
         if self.a == a1 {
@@ -33,7 +38,8 @@ impl Point {
         }
         let s = self.s.checked_add(s)?;
         let sane = s.abs() < 1 << (BITS + 6) && v.abs() < 1 << (BITS + 3);
-        sane.then_some(Point { s, v, a: a1 })
+        *self = Point { s, v, a: a1 };
+        sane.then_some(())
     }
 
     /// After a ramp to `v1`.
@@ -73,8 +79,9 @@ impl Path {
     pub fn push(&mut self, n: u32, a1: i128) -> Option<()> {
         if n > 0 {
             *self.lengths.get_mut(self.count)? = n;
-            let next = self.at.after(n, a1)?;
-            *self.starts.get_mut(self.count)? = core::mem::replace(&mut self.at, next);
+            let Point { s, v, a } = self.at;
+            *self.starts.get_mut(self.count)? = Point { s, v, a };
+            self.at.advance(n, a1)?;
             self.count += 1;
             self.time = segments(i128::from(self.time) + i128::from(n))?;
         }
@@ -171,9 +178,8 @@ fn coefficient(x: i128, up: i32) -> Option<i64> {
         return None;
     }
     let term = match down {
-        128.. => 0,
-        1.. => ((size >> (down - 1)) as u64).saturating_add(1) >> 1,
-        _ => (size << -down) as u64,
+        1.. => wide::shifted_down(size, down as u32 - 1).saturating_add(1) >> 1,
+        _ => (size as u64) << -down,
     };
     (term < STEEPEST).then_some(if x < 0 { -(term as i64) } else { term as i64 })
 }

@@ -4,9 +4,8 @@
 //! A *fine* quantity carries 32 fractional bits.
 
 pub mod decimal;
-pub mod rough;
+pub use stage_arithmetic::{rough, wide};
 pub mod steps;
-pub mod wide;
 
 use serde::{Deserialize, Serialize};
 

@@ -67,7 +67,7 @@ impl Checked {
     pub fn look_at(&mut self, capability: &Versioned<Capability>, from: Pose, to: Pose) -> Result<(), Error> {
         self.valid = false;
         capability.limits.check_move(&capability.law, from, to)?;
-        let path = straight(from.fine(), to.fine());
+        let path = straight(&from.fine(), &to.fine());
         if path.goes_nowhere() {
             return Ok(());
         }

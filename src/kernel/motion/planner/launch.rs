@@ -185,7 +185,7 @@ impl Planner {
         let Some(slot) = (COORDINATED..SLOTS).find(|i| self.slots[*i].active().is_none()) else {
             return Ok(());
         };
-        let path = straight(self.rest(), goal.fine());
+        let path = straight(&self.rest(), &goal.fine());
         let direction = path.direction;
         if path.goes_nowhere() {
             self.goal = self.then_goal.take();

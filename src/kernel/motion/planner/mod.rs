@@ -420,12 +420,12 @@ impl Planner {
 
 /// The straight way between two poses at rest.
 #[inline(never)]
-fn straight(from: FinePose, to: FinePose) -> Path {
+fn straight(from: &FinePose, to: &FinePose) -> Path {
     let mut direction = [0; AXES];
     for (d, (to, from)) in direction.iter_mut().zip(to.0.iter().zip(&from.0)) {
         *d = to - from;
     }
-    Path { origin: from, direction, from: 0, to: PATH_ONE }
+    Path { origin: *from, direction, from: 0, to: PATH_ONE }
 }
 
 /// From rest to rest over a whole path.

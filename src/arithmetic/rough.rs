@@ -99,31 +99,39 @@ impl Rough {
         if self.mantissa == 0 { self } else { Rough { exponent: self.exponent + by, ..self } }
     }
 
-    /// The product, not below it; by a power of two it is exact.
+    /// The product, not below it.
     #[inline(never)]
     pub const fn times_up(self, by: Rough) -> Rough {
-        let below = self.times_down(by);
-        if by.mantissa << 1 == 0 || below.mantissa == 0 { below } else { below.next() }
+        let (below, exact) = self.product(by);
+        if exact { below } else { below.next() }
     }
 
     /// The product, not above it.
     #[inline(always)]
     pub const fn times_down(self, by: Rough) -> Rough {
+        self.product(by).0
+    }
+
+    /// Not above, and whether it is exact.
+    #[inline(always)]
+    const fn product(self, by: Rough) -> (Rough, bool) {
         let product = self.mantissa as u64 * by.mantissa as u64;
-        let (exponent, high) = (self.exponent + by.exponent + 32, (product >> 32) as u32);
-        if high >> 31 != 0 {
-            Rough { exponent, mantissa: high }
-        } else if high != 0 {
-            Rough { exponent: exponent - 1, mantissa: high << 1 | (product as u32) >> 31 }
-        } else {
-            Rough::ZERO
+        let (mut high, mut low, mut exponent) =
+            ((product >> 32) as u32, product as u32, self.exponent + by.exponent + 32);
+        if high == 0 {
+            return (Rough::ZERO, true);
         }
+        if high >> 31 == 0 {
+            (high, low, exponent) = (high << 1 | low >> 31, low << 1, exponent - 1);
+        }
+        (Rough { exponent, mantissa: high }, low == 0)
     }
 
     /// The sum, not below it.
     #[inline(never)]
     pub fn plus_up(self, other: Rough) -> Rough {
-        let (large, small) = if self < other { (other, self) } else { (self, other) };
+        // of two with the same exponent either may be the larger one
+        let (large, small) = if self.exponent < other.exponent { (other, self) } else { (self, other) };
         if small.mantissa == 0 {
             return large;
         }

@@ -9,7 +9,7 @@
 /// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set: two half digits by the
 /// processor's division.
 #[inline(never)]
-pub(super) const fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
+pub(crate) const fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
     let (first, rest) = half_digit(high, low >> 16, by);
     let (second, rest) = half_digit(rest, low & 0xffff, by);
     (first << 16 | second, rest)
@@ -18,24 +18,19 @@ pub(super) const fn two_by_one(high: u32, low: u32, by: u32) -> (u32, u32) {
 /// One half digit of [`two_by_one`], and the rest.
 #[inline(always)]
 const fn half_digit(rest: u32, next: u32, by: u32) -> (u32, u32) {
-    let (upper, lower) = (by >> 16, by & 0xffff);
-    let mut quotient = match rest.checked_div(upper) {
-        Some(0x1_0000..) => 0xffff,
-        Some(quotient) => quotient,
-        None => 0,
-    };
-    let above = rest.wrapping_sub(quotient.wrapping_mul(upper));
-    let mut rest = above.wrapping_shl(16) | next;
-    let mut product = quotient.wrapping_mul(lower);
-    // at most twice too large: while the part above a digit is empty, the rest says so by being smaller
-    let mut above = above >> 16;
-    while above == 0 && rest < product {
-        quotient -= 1;
-        product -= lower;
-        let (sum, carry) = rest.overflowing_add(upper << 16);
-        (rest, above) = (sum, carry as u32);
+    // its top bit is set: said once more, so that the compiler sees no division by zero
+    let upper = by >> 16 | 1 << 15;
+    let mut quotient = rest / upper;
+    if quotient > 0xffff {
+        quotient = 0xffff;
     }
-    (quotient, rest.wrapping_sub(product))
+    let mut left = ((rest as i64) << 16 | next as i64) - quotient as i64 * by as i64;
+    // at most twice too large
+    while left < 0 {
+        quotient = quotient.wrapping_sub(1);
+        left += by as i64;
+    }
+    (quotient, left as u32)
 }
 
 /// `(high, low) / by`, quotient and remainder, where `high < by` and the top bit of `by` is set.
@@ -191,6 +186,17 @@ pub fn mul_shift(a: u64, b: u64, down: u32) -> u64 {
     narrow((u128::from(a) * u128::from(b)) >> (down & 127))
 }
 
+/// The lower 64 bits of `floor(x / 2^by)`.
+#[inline(never)]
+pub fn shifted_down(x: u128, by: u32) -> u64 {
+    let (high, low) = halves(x);
+    match by {
+        0..64 => low >> by | (high << 1) << (63 - by),
+        64..128 => high >> (by - 64),
+        _ => 0,
+    }
+}
+
 /// As 64 bits; the largest number where it is more.
 #[inline(always)]
 pub fn narrow(x: u128) -> u64 {
@@ -218,19 +224,19 @@ pub fn within(x: i128, least: i128, most: i128) -> i128 {
 /// Product with a small number; none beyond 128 bits.
 #[inline(never)]
 pub fn times(x: i128, n: u32) -> Option<i128> {
-    let size = x.unsigned_abs();
-    let low = u128::from(size as u64) * u128::from(n);
-    let high = u128::from((size >> 64) as u64) * u128::from(n) + (low >> 64);
-    let product = high << 64 | u128::from(low as u64);
-    let signed = turned(product as i128, x < 0);
-    // beyond 127 bits the sign is lost, but for the lowest number itself
-    let fits = high >> 64 == 0 && (signed == 0 || (signed < 0) == (x < 0));
-    fits.then_some(signed)
+    let digit = |at: u32| u64::from((x >> at) as u32) * u64::from(n);
+    // three digits without a sign, and the upper one with it: each sum has room for the carry from below
+    let first = digit(0);
+    let second = digit(32) + (first >> 32);
+    let third = digit(64) + (second >> 32);
+    let top = (x >> 96) as i64 * i64::from(n) + (third >> 32) as i64;
+    let low = u128::from(first as u32) | u128::from(second as u32) << 32 | u128::from(third as u32) << 64;
+    (top == i64::from(top as i32)).then_some(i128::from(top) << 96 | low as i128)
 }
 
 /// The largest `r` with `r * r <= x`; the top two bits of `x` are not both zero.
 #[inline(never)]
-pub(super) fn isqrt_64(x: u64) -> u32 {
+pub(crate) fn isqrt_64(x: u64) -> u32 {
     // Zimmermann's: half of the digits first, by Newton's steps from above in 32 bits
     let (high, low) = ((x >> 32) as u32, x as u32);
     let mut upper = 0xffff;
@@ -251,7 +257,7 @@ pub(super) fn isqrt_64(x: u64) -> u32 {
 
 /// An `r` with `r * r * r <= x` that is by two too small at most, for `2^56 <= x < 2^63`.
 #[inline(never)]
-pub(super) fn cube_root_64(x: u64) -> u64 {
+pub(crate) fn cube_root_64(x: u64) -> u64 {
     // half of the digits first, by Newton's steps from above in 32 bits
     let high = (x >> 33) as u32;
     let mut upper = 1024u32;
