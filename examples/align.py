@@ -69,7 +69,7 @@ source.side, array.side = "input", "output"
 for stage, light in (source, "DET"), (array, 1):  # first light; the input first, with the detector behind the chip
     run(stage, "SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US")
     if look(light, must=False) < DARK:
-        stage.write(f"SCAN:DEF:SPIR 0,1,1,2,{SEARCH},0.4,8,{DARK},FIRS;:SCAN:STAR 0")
+        stage.write(f"SCAN:DEF:SPIR 0,1,1,2,{SEARCH},0.4,8,{DARK + 2},FIRS;:SCAN:STAR 0")
         print(f"{stage.side} side searched:", stage.query("*OPC?;:SYST:ERR?").strip())
     peaks(stage, SEARCH, light)
 for stage in source, array:  # pitch and yaw about the fibre, drawn back
