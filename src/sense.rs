@@ -14,7 +14,7 @@ use crate::refill::border::{CONVERSION_MAX, CONVERSIONS, POWER_INPUTS};
 use crate::units::wide;
 use serde::{Deserialize, Serialize};
 
-/// The largest sample: half a step of a conversion below 3.3 V and more.
+/// The largest sample: from one and a half steps of a conversion below 3.3 V on.
 pub const FULL_SCALE: u16 = CONVERSION_MAX * CONVERSIONS;
 /// A sample that would mean the reference voltage.
 const REFERENCE: u16 = (CONVERSION_MAX + 1) * CONVERSIONS;

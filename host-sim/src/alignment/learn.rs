@@ -104,7 +104,7 @@ pub fn learn<B: Bus>(
 
 impl<B: Bus> Program<'_, B> {
     fn learn(&mut self, side: Side) -> Result<Learned, Trouble> {
-        let gap_um = self.measure_gap(side)?;
+        let gap_um = self.fall(side)?.gap_um;
         let backlash = [self.backlash(side, Axis::X)?, self.backlash(side, Axis::Y)?];
         self.done(format!("{side:?} side: play of X and Y"), None);
         let lean_um = self.options.optics.lean_um(gap_um);

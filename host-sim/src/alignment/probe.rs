@@ -23,8 +23,6 @@ pub(super) struct Probe {
     step: f64,
     /// Levels of both inputs: middle and corners, dBm.
     seen: [[f64; 2]; 4],
-    /// Level of each input in the middle, dBm.
-    pub levels_dbm: [f64; 2],
     /// Of each input: where both coordinates have their peak, from the middle; none where there is none.
     pub peaks: [Option<[f64; 2]>; 2],
 }
@@ -37,22 +35,33 @@ const MOST_DEG: f64 = 1.5;
 /// Corners that are visited after the middle, in steps: each differs from the one before in as little as can be.
 const CORNERS: [[f64; 2]; 4] = [[0.0, 0.0], [-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]];
 
+/// By how much the light of an input is lower a step aside in both coordinates than in the middle, on the mean of both
+/// ways, dB.
+fn bend_db(seen: &[[f64; 2]; 4], input: usize) -> f64 {
+    let [middle, low, _, high] = seen.map(|levels| levels[input]);
+    middle - 0.5 * (low + high)
+}
+
 impl Probe {
     fn new(knobs: [Knob; 2], step: f64, seen: [[f64; 2]; 4]) -> Self {
         let peak = |input: usize| {
-            let [middle, low, mixed, high] = seen.map(|levels| levels[input]);
-            let bend = middle - 0.5 * (low + high);
+            let [_, low, mixed, high] = seen.map(|levels| levels[input]);
+            let bend = bend_db(&seen, input);
             // slope times step over twice the bend: bend is that of both coordinates
             let at = |rise: f64| 0.5 * step * rise / bend;
             (bend > 0.0).then(|| [at(mixed - low), at(high - mixed)])
         };
-        Probe { knobs, step, seen, levels_dbm: seen[0], peaks: [peak(0), peak(1)] }
+        Probe { knobs, step, seen, peaks: [peak(0), peak(1)] }
     }
 
-    /// By how much the light is lower a step aside in both coordinates than in the middle, on the mean of both ways, dB.
+    /// Level of the first input in the middle, dBm.
+    pub fn level_dbm(&self) -> f64 {
+        self.seen[0][0]
+    }
+
+    /// By how much the light of an input is lower a step aside, dB.
     pub fn bend_db(&self, input: usize) -> f64 {
-        let [middle, low, _, high] = self.seen.map(|levels| levels[input]);
-        middle - 0.5 * (low + high)
+        bend_db(&self.seen, input)
     }
 
     /// From the last corner to the middle, for both stages.
@@ -85,17 +94,17 @@ impl<B: Bus> Program<'_, B> {
         Ok(Probe::new(knobs, step, seen))
     }
 
-    /// Goes where the first input has its peak; its level in the middle of the probe, dBm, and how far it was.
-    pub(super) fn turn_to_peak(&mut self, knobs: [Knob; 2], step: f64) -> Result<[f64; 2], Trouble> {
-        self.turn_past_peak(knobs, step, 1.0).map(|(probe, far)| [probe.levels_dbm[0], far])
+    /// Goes where the first input has its peak; its level in the middle of the probe, dBm.
+    pub(super) fn turn_to_peak(&mut self, knobs: [Knob; 2], step: f64) -> Result<f64, Trouble> {
+        self.turn_past_peak(knobs, step, 1.0).map(|probe| probe.level_dbm())
     }
 
-    /// Goes so many times as far as where the first input has its peak; the probe, and how far the peak was.
-    pub(super) fn turn_past_peak(&mut self, knobs: [Knob; 2], step: f64, times: f64) -> Result<(Probe, f64), Trouble> {
+    /// Goes so many times as far as where the first input has its peak; what the probe has told.
+    pub(super) fn turn_past_peak(&mut self, knobs: [Knob; 2], step: f64, times: f64) -> Result<Probe, Trouble> {
         let probe = self.probe(knobs, step)?;
         let peak = self.peak(&probe, 0)?;
         self.move_both(way(&knobs, peak.map(|peak| times * peak - step)))?;
-        Ok((probe, peak[0].hypot(peak[1])))
+        Ok(probe)
     }
 
     /// Where an input has its peak; only when there was light all around, and the peak is near enough to be believed.

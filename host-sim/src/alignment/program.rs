@@ -9,7 +9,7 @@
 use super::bus::{Bus, BusError, Controller};
 use super::geometry::{Fall, Optics, Peak, best_for_all};
 use super::probe::Knob;
-use super::reading::CALM_AVERAGE;
+use super::reading::{CALM_AVERAGE, CALM_S};
 use super::scans::{End, Found, Scan};
 use super::trouble::{Ended, Trouble};
 use crate::bench_twin::{Sees, Side};
@@ -113,8 +113,6 @@ const NO_PEAK: &str = "no maximum";
 const LINES: usize = 3;
 /// Average of a sample of a scan.
 const SCAN_AVERAGE: usize = 16;
-/// Before the first light is read, s.
-const CALM_S: f64 = 0.01;
 
 /// Way to either side of a probe in x and y, um.
 const PROBE_UM: f64 = 1.5;
@@ -228,7 +226,7 @@ impl<'a, B: Bus> Program<'a, B> {
         self.peaks("peaks at the gap")?;
         self.balance()?;
         let knobs = [Axis::X, Axis::Y].map(|axis| Knob { side: Side::Input, axis });
-        let level = self.turn_to_peak(knobs, PROBE_UM)?[0];
+        let level = self.turn_to_peak(knobs, PROBE_UM)?;
         self.done("last peak of the input", Some(level));
         self.channels()
     }
@@ -276,7 +274,7 @@ impl<'a, B: Bus> Program<'a, B> {
     pub(super) fn peaks(&mut self, name: &str) -> Result<(), Trouble> {
         let mut level = 0.0;
         for axis in [Axis::X, Axis::Y] {
-            level = self.turn_to_peak(Side::BOTH.map(|side| Knob { side, axis }), PROBE_UM)?[0];
+            level = self.turn_to_peak(Side::BOTH.map(|side| Knob { side, axis }), PROBE_UM)?;
         }
         self.done(name, Some(level));
         Ok(())
@@ -354,9 +352,8 @@ impl<'a, B: Bus> Program<'a, B> {
             let (mut level, mut most) = (0.0, 0.0_f64);
             for axis in [Axis::Alpha, Axis::Beta] {
                 let knobs = Side::BOTH.map(|side| Knob { side, axis });
-                let (probe, _) =
-                    self.turn_past_peak(knobs, step, if centred { optics.overturn(gap_um) } else { 1.0 })?;
-                level = probe.levels_dbm[0];
+                let probe = self.turn_past_peak(knobs, step, if centred { optics.overturn(gap_um) } else { 1.0 })?;
+                level = probe.level_dbm();
                 let times = probe.bend_db(0) / bend_db;
                 if centred && times > ASTRAY {
                     return Err(Trouble::Astray { around: format!("{axis:?}").to_lowercase(), times });
@@ -386,7 +383,7 @@ impl<'a, B: Bus> Program<'a, B> {
         by[1][1] += first[1];
         by[1][5] += roll_rad.to_degrees();
         self.move_both(by)?;
-        self.done("roll by the first and the last channel", Some(probe.levels_dbm[0]));
+        self.done("roll by the first and the last channel", Some(probe.level_dbm()));
         Ok(())
     }
 
@@ -420,43 +417,31 @@ impl<'a, B: Bus> Program<'a, B> {
     /// The gap here, on the peak: off it the light falls otherwise, and the gap would be told too wide.
     fn measure(&mut self, side: Side) -> Result<Fall, Trouble> {
         self.turn_to_peak([Axis::X, Axis::Y].map(|axis| Knob { side, axis }), PROBE_UM)?;
-        let seen = self.retreat(side)?;
-        self.gap_told(side, 0, &seen)
+        self.fall(side)
     }
 
-    /// The gap here, um, told by how the light falls on the way back.
-    pub(super) fn measure_gap(&mut self, side: Side) -> Result<f64, Trouble> {
-        let seen = self.retreat(side)?;
-        Ok(self.gap_told(side, 0, &seen)?.gap_um)
-    }
-
-    /// Draws back and returns: retreats (um) and the light of both inputs there, the last one back at the beginning.
-    fn retreat(&mut self, side: Side) -> Result<Vec<(f64, [f64; 2])>, Trouble> {
+    /// How the light of the first input falls on the way back; only when that is as it must be. The stage is where it was
+    /// then, and so it is when there was no light.
+    pub(super) fn fall(&mut self, side: Side) -> Result<Fall, Trouble> {
         let (mut seen, mut back) = (Vec::new(), 0.0);
         for retreat in RETREATS_UM.into_iter().chain([0.0]) {
             self.along(side, back - retreat)?;
             back = retreat;
-            seen.push((retreat, self.calm_powers()?));
+            seen.push((retreat, self.calm_powers()?[0]));
         }
-        Ok(seen)
-    }
-
-    /// The gap as an input has seen the light fall; only when that is as it must be.
-    fn gap_told(&self, side: Side, input: usize, seen: &[(f64, [f64; 2])]) -> Result<Fall, Trouble> {
-        let mut levels = Vec::new();
-        for (back, seen) in seen {
-            levels.push((*back, self.lit(input, seen[input])?));
+        for (_, level) in &seen {
+            self.lit(0, *level)?;
         }
         let reach = self.options.optics.reach_um();
-        let reason = match Fall::of(&levels) {
-            _ if (levels[0].1 - levels[RETREATS_UM.len()].1).abs() > SAME_DB => "it has changed meanwhile",
+        let reason = match Fall::of(&seen) {
+            _ if (seen[0].1 - seen[RETREATS_UM.len()].1).abs() > SAME_DB => "it has changed meanwhile",
             Some(fall) if !(REACH[0]..REACH[1]).contains(&(fall.reach_um / reach)) => {
                 "it falls as between other modes or in another medium"
             }
             Some(fall) if fall.residual_db < DEVIATIONS * LEVEL_DB => return Ok(fall),
             _ => "it does not fall with the distance as it must",
         };
-        Err(Trouble::Gap { side, seen: levels, reason })
+        Err(Trouble::Gap { side, seen, reason })
     }
 
     /// Levels of all channels here.

@@ -9,7 +9,7 @@ use super::trouble::Trouble;
 use crate::bench_twin::Side;
 
 /// Time of a mean with the meter in front of it, s.
-const CALM_S: f64 = 0.01;
+pub(super) const CALM_S: f64 = 0.01;
 /// Samples of a mean at rest, of 256 us.
 pub(super) const CALM_AVERAGE: usize = 32;
 /// What two readings may differ by in full light, dB: ten times what they do on a bench that is well.

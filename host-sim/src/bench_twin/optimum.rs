@@ -11,6 +11,7 @@
 use super::port::{Place, Port};
 use super::random::Chance;
 use super::{Bench, Side};
+use crate::optics::{uniformity_db, worst_db};
 use nalgebra::{SMatrix, SVector, Vector3};
 use serde::Serialize;
 
@@ -67,9 +68,8 @@ pub(super) fn optimum(bench: &Bench) -> Optimum {
         problem.pose(&at)
     });
     let losses_db = bench.losses(0, &poses);
-    let worst_db = losses_db.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let least = losses_db.iter().copied().fold(f64::INFINITY, f64::min);
-    Optimum { worst_db, uniformity_db: worst_db - least, losses_db, poses, agreeing }
+    let (worst_db, uniformity_db) = (worst_db(&losses_db), uniformity_db(&losses_db));
+    Optimum { worst_db, uniformity_db, losses_db, poses, agreeing }
 }
 
 /// One side: coordinates are the fibre point in the guides' frame and the angles from the straight pose.
@@ -126,12 +126,12 @@ impl<'a> Problem<'a> {
         }
         let values = self.moved(&at, &[]);
         let losses = &values[..self.fixed.len()];
-        (losses.iter().copied().fold(f64::NEG_INFINITY, f64::max) + self.beside(losses, &at), at)
+        (worst_db(losses) + self.beside(losses, &at), at)
     }
 
     fn objective(&self, values: &[f64], at: &Vector, sharpness: f64) -> f64 {
         let (losses, corners) = values.split_at(self.fixed.len());
-        let largest = losses.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let largest = worst_db(losses);
         let sum: f64 = losses.iter().map(|loss| (sharpness * (loss - largest)).exp()).sum();
         let near: f64 =
             corners.iter().map(|by| by.max(0.0) + (-(sharpness * by).abs()).exp().ln_1p() / sharpness).sum();

@@ -5,6 +5,7 @@ use super::common::{say, say_json};
 use crate::alignment::{Alignment, Lab, LiveLine, Options, Step, align, no_setup};
 use crate::bench_twin::{self, Bench, Side, Start};
 use crate::control::LightControl;
+use crate::optics::{uniformity_db, worst_db};
 use serde::Serialize;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
@@ -85,14 +86,13 @@ impl Args {
         };
         let alignment = align(&mut lab, &options, &mut watch).map_err(|error| refused(error.to_string()))?;
         let insertion_loss_db = lab.losses();
-        let worst_db = insertion_loss_db.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let least = insertion_loss_db.iter().copied().fold(f64::INFINITY, f64::min);
+        let (worst_db, uniformity_db) = (worst_db(&insertion_loss_db), uniformity_db(&insertion_loss_db));
         let report = Report {
             seed: self.seed,
             alignment,
             insertion_loss_db,
             worst_db,
-            uniformity_db: worst_db - least,
+            uniformity_db,
             best_worst_db: optimum.worst_db,
             best_uniformity_db: optimum.uniformity_db,
             clearance_um: lab.bench().clearances_um(),

@@ -4,6 +4,7 @@
 use super::mechanism::Mechanisms;
 use crate::alignment::{BusError, Ended, Trouble};
 use crate::bench_twin::{Bench, Optimum, Side};
+use crate::optics::worst_db;
 use serde::Serialize;
 
 /// A run that ends farther from the optimum has failed, dB.
@@ -133,7 +134,7 @@ fn without_figures(text: &str) -> String {
 /// What keeps the stages from the optimum, from where they truly stand (nm, nrad): what has to be mended until the worst
 /// channel is within 0.5 dB of it.
 pub fn what_is_left(bench: &Bench, tick: u64, poses: &[[f64; 6]; 2], optimum: &Optimum) -> &'static str {
-    let worst = |poses: &_| bench.losses(tick, poses).into_iter().fold(f64::NEG_INFINITY, f64::max);
+    let worst = |poses: &_| worst_db(&bench.losses(tick, poses));
     let enough = |poses: &_| worst(poses) - optimum.worst_db <= NEAR_ENOUGH_DB;
     if enough(&mended(bench, tick, *poses, &[0, 1])) {
         "beside the peak in x and y"

@@ -101,8 +101,11 @@ fn table(e: &Experiment, mode: Mode, number_in_paper: usize) -> Section {
             }
         } }
     };
-    let title = if number_in_paper == 7 { "Table 7: without compensation" } else { "Table 8: with compensation" };
-    Section { id: if number_in_paper == 7 { "table7" } else { "table8" }, title, body }
+    let (id, title) = match number_in_paper {
+        7 => ("table7", "Table 7: without compensation"),
+        _ => ("table8", "Table 8: with compensation"),
+    };
+    Section { id, title, body }
 }
 
 fn losses(e: &Experiment) -> Section {

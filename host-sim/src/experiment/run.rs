@@ -7,6 +7,7 @@ use super::search::{Search, switches};
 use crate::alignment::{self, Lab, align};
 use crate::bench_twin::{Bench, Optimum, Options, Side};
 use crate::machine::Machine;
+use crate::optics::{uniformity_db, worst_db};
 use crate::report::Mode;
 use serde::Serialize;
 
@@ -112,8 +113,7 @@ impl Run {
         let mut log = Log::default();
         let (end, seconds) = go(&mut lab, search, mode, &mut log);
         let (losses_db, optimum) = (lab.losses(), &prepared.optimum);
-        let worst_db = losses_db.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let uniformity_db = worst_db - losses_db.iter().copied().fold(f64::INFINITY, f64::min);
+        let (worst_db, uniformity_db) = (worst_db(&losses_db), uniformity_db(&losses_db));
         let above_optimum_db = worst_db - optimum.worst_db;
         let climb = (!search.is_robust()).then(|| climbed(&lab, &log));
         let (tick, poses, bench) = (lab.tick(), lab.poses(), lab.bench());

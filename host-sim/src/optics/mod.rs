@@ -30,3 +30,13 @@ pub fn milliwatts(dbm: f64) -> f64 {
 pub fn dbm(milliwatts: f64) -> f64 {
     if milliwatts > 1e-20 { 10.0 * milliwatts.log10() } else { DARK_DBM }
 }
+
+/// The largest of the losses of all channels, dB.
+pub fn worst_db(losses_db: &[f64]) -> f64 {
+    losses_db.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// Uniformity: the largest of the losses less the least, dB.
+pub fn uniformity_db(losses_db: &[f64]) -> f64 {
+    worst_db(losses_db) - losses_db.iter().copied().fold(f64::INFINITY, f64::min)
+}

@@ -18,8 +18,8 @@ const AXIS: u8 = 10;
 const SECOND_AXIS: u8 = 11;
 const AXES: u8 = 12;
 
-/// Parameters behind the number, in their order; from the threshold on they may be missing, but for that of a spiral,
-/// which looks for light.
+/// Parameters behind the number, in their order; from the threshold on they may be missing, where the table of commands
+/// lets them.
 const fn fields(kind: Kind) -> &'static [u8] {
     const CHANNEL: u8 = scan::CHANNEL as u8;
     const RANGE: u8 = scan::RANGE as u8;
@@ -118,9 +118,8 @@ pub fn execute(front: &mut Front, call: &Call<'_>, out: &mut Response) -> Result
     }
     let mut definition = Definition { defined: true, kind, count: 1, ..Definition::NONE };
     definition.values[scan::THRESHOLD] = DARK / 1000;
-    let optional = scan::THRESHOLD + usize::from(kind == Kind::Spiral)..scan::VALUES;
     for field in fields(kind) {
-        if params.is_empty() && optional.contains(&usize::from(*field)) {
+        if params.is_empty() && (scan::THRESHOLD..scan::VALUES).contains(&usize::from(*field)) {
             break;
         }
         take(&mut definition, *field, &mut params)?;
@@ -202,7 +201,7 @@ fn result(front: &Front, id: usize, out: &mut Response) -> Result<(), Error> {
     let (outcome, stands) = front.scan_outcome(id)?;
     out.integer(outcome.status);
     out.integer(outcome.samples);
-    let known = outcome.samples > 0 && outcome.has_position();
+    let known = outcome.has_position();
     let reading = if outcome.level >= BRIGHT { Reading::High } else { Reading::Level(outcome.level) };
     answer_level(known.then_some(reading), out);
     for (n, i) in definition.axes().iter().enumerate() {

@@ -231,16 +231,16 @@ impl Front {
     /// Checks a scan as a whole.
     ///
     /// # Errors
-    /// -221 a climb that the play swallows, or samples on a flank on which the axis never ends; 108, 102 and -222 with axis and value.
+    /// -221 a climb that the play swallows, or samples on a flank on which the axis never ends; 108, 102 and -222 with
+    /// axis and value.
     pub(super) fn check_scan(&self, definition: &Definition, start: Pose) -> Result<(), Error> {
         if definition.kind == Kind::Hill {
             (0..definition.count.into()).try_for_each(|n| self.check_climb(definition, definition.axis(n)))?;
         }
-        let law = self.law();
+        let (law, leg) = (self.law(), self.leg_of(definition, 0));
         let (mut least, mut most) = ([0; SCAN_AXES], [0; SCAN_AXES]);
         for n in 0..usize::from(definition.count).min(SCAN_AXES) {
             let axis = definition.axis(n);
-            let leg = self.leg_of(definition, 0);
             let reach = match (definition.kind, n) {
                 (Kind::Line | Kind::Raster, 0) => leg.ends()[1].abs(),
                 (Kind::Raster, _) => -leg.beside,

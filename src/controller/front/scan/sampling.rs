@@ -44,7 +44,7 @@ impl Block {
     pub fn way_in(&self, ns: u32) -> Option<i32> {
         let [(from, first), (to, last)] = self.ends?;
         let time = (last - first) as i64 * crate::units::SEGMENT_NS as i64;
-        // 2^30 nm in at most a few minutes, and a tenth of a second of it
+        // at most 2^31 nm by a tenth of a second: far below 2^63
         (i64::from(to) - i64::from(from)).checked_mul(ns.into())?.checked_div(time).map(|way| way as i32)
     }
 }
