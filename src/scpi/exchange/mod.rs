@@ -26,6 +26,9 @@
 //! stands behind it, it is interrupted. -430 (DEADLOCKED: input and output are full) does not happen: a message is
 //! executed when it is there as a whole, so no answer ever waits for the end of its own question.
 //!
+//! White space between messages is none: `*IDN?` with a line end of its own, in front of the one that a driver adds, is
+//! one question.
+//!
 //! A stream needs none of this: there a [`Session`](super::session::Session) sends its answers as they come.
 
 mod control;
@@ -49,7 +52,7 @@ pub trait Device {
     fn drop_partial(&mut self);
     /// A whole message is there: executed, held up, or waiting for its turn.
     fn is_busy(&self) -> bool;
-    /// Bytes stand behind the message that is executed, or behind an answer.
+    /// Bytes stand behind the message that is executed, or behind an answer, that are more than white space.
     fn has_more(&self) -> bool;
     /// The message that is executed has asked something, and its answer has not ended.
     fn asks(&self) -> bool;
@@ -108,6 +111,10 @@ impl Exchange {
             return 0;
         }
         self.control.listens();
+        if bytes.iter().all(u8::is_ascii_whitespace) && !device.is_partial() && !device.has_more() {
+            // the end of the last message, sent twice
+            return bytes.len();
+        }
         self.interrupt(device);
         let taken = device.take(bytes);
         if taken == bytes.len() && end {

@@ -212,6 +212,28 @@ fn two_questions_in_one_go_are_one_too_many() {
 }
 
 #[test]
+fn white_space_behind_a_question_is_no_second_one() {
+    for tail in ["\n", "\r\n", "\n \r\n", " \n\n\n", "\n ", "\n\t"] {
+        for pieces in [1, 2, 99] {
+            let mut bus = Bus::new();
+            let text = std::format!("*ESE 7;*ESE?{tail}");
+            let size = text.len().div_ceil(pieces);
+            for (n, piece) in text.as_bytes().chunks(size).enumerate() {
+                assert_eq!(bus.put(piece, (n + 1) * size >= text.len()), piece.len());
+            }
+            bus.write("\r\n");
+            assert_eq!(bus.answer().as_deref(), Some("7\n"), "{tail:?} {pieces}");
+            assert_eq!(bus.errors(), [], "{tail:?} {pieces}");
+        }
+    }
+    let mut bus = Bus::new();
+    bus.write("AXIS1:MOVE 1;*OPC?\n\r\n");
+    bus.rest();
+    assert_eq!(bus.answer().as_deref(), Some("1\n"));
+    assert_eq!(bus.errors(), []);
+}
+
+#[test]
 fn a_question_that_waits_is_answered_in_the_end_or_interrupted() {
     let mut bus = Bus::new();
     bus.write("AXIS1:MOVE 1;*OPC?");

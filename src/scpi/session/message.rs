@@ -75,11 +75,11 @@ impl Device for Session {
     }
 
     fn is_busy(&self) -> bool {
-        self.busy || self.has_more()
+        self.busy || !self.backlog.is_empty() || self.ahead > 0
     }
 
     fn has_more(&self) -> bool {
-        !self.backlog.is_empty() || self.ahead > 0
+        self.ahead > 0 || !self.backlog.iter().all(u8::is_ascii_whitespace)
     }
 
     fn asks(&self) -> bool {
