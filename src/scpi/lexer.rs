@@ -11,8 +11,8 @@ use heapless::Vec;
 pub const MESSAGE_MAX: usize = 512;
 /// Most block data in one message.
 pub const BLOCK_MAX: usize = 4096;
-/// Block data that is kept of one message: three calibrations, which are all that a block can bring. Of more, the last
-/// block is shortened, so that the command sees what is not its own.
+/// Block data that is kept of one message: the largest calibration, which is all that a block can bring, and half of
+/// another. Of more, the last block is shortened: its command sees what is none of its own, and refuses it.
 pub const BLOCK_KEPT: usize = 1280;
 /// The byte that clears a link (CAN; block data excepted).
 pub const CLEAR: u8 = 0x18;
