@@ -150,6 +150,38 @@ fn service_is_requested_when_an_operation_has_ended_and_when_something_is_wrong(
 }
 
 #[test]
+fn no_request_for_service_is_lost_by_a_poll_that_is_broken_off_at_any_step() {
+    let (mut twice, mut told) = (0, 0);
+    for (seed, abuse) in [Abuse::Clear, Abuse::Seize, Abuse::HangUp(50_000), Abuse::Blip(2_000)].into_iter().enumerate()
+    {
+        let mut bench = bench(60 + seed as u64);
+        bench.write(5, "*SRE 4");
+        for step in 1.. {
+            bench.write(5, "NO:SUCH");
+            bench.until(|bench| bench.requests_service());
+            bench.controller.statuses.clear();
+            bench.controller.poll(5);
+            bench.controller.abuse = Some((step, abuse));
+            bench.follow();
+            if !bench.broke_off() {
+                break;
+            }
+            bench.interface_clear();
+            bench.command(&[SPD, UNT]);
+            let before = bench.controller.statuses.contains(&0x44);
+            let waits = bench.requests_service();
+            let after = bench.poll(5) == 0x44;
+            assert_eq!(waits, after, "SRQ and RQS say the same, {abuse:?} {step}");
+            assert!(before || after, "lost, {abuse:?} {step}");
+            told += 1;
+            twice += u32::from(before && after);
+            bench.write(5, "*CLS");
+        }
+    }
+    assert!(told > 150 && twice < told / 10, "{told} {twice}");
+}
+
+#[test]
 fn two_stages_move_at_once() {
     let mut bench = bench(6);
     for (address, target) in [(5, "-20"), (6, "20")] {

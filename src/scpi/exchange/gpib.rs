@@ -16,15 +16,17 @@
 //!   is merely ready for another byte has not begun to read.
 //! - **IFC** unaddresses and nothing else: half a message is gone on with, half an answer is read on. Who wants neither
 //!   clears the device.
+//! - **A serial poll** that ATN or IFC broke off may not have told RQS: service is requested once more.
 //! - **Remote and local** is RL1 of the interface; the exchange shows it.
 
-use super::{Control, Device, Exchange, Read};
+use super::{Control, Device, Exchange, Read, stb};
 use crate::error::ErrorNumber;
 use heapless::Deque;
 use stage_gpib::addressing::T;
 use stage_gpib::device::{Address, Device as Functions, Event, Sample, Step};
 use stage_gpib::lines::Lines;
 use stage_gpib::remote::RL;
+use stage_gpib::service::SR;
 use stage_gpib::timing::Nanoseconds;
 
 /// One byte and triggers that the device has not taken.
@@ -134,11 +136,10 @@ impl Interface {
                 self.exchange.hold(device, false);
                 self.asked = Asked::Over;
             }
-            Event::Polled { status, .. } => {
-                if status & super::stb::MASTER_SUMMARY != 0 {
-                    self.exchange.serial_poll(device);
-                }
+            Event::Polled { status, cut: false } if status & stb::MASTER_SUMMARY != 0 => {
+                self.exchange.serial_poll(device);
             }
+            Event::Polled { .. } => {}
             Event::Remote(state) => self.exchange.control.follow(match state {
                 RL::LOCS => Control::Local,
                 RL::REMS => Control::Remote,
@@ -191,6 +192,9 @@ impl Interface {
             self.functions.withdraw();
         }
         let status = self.exchange.status(device);
-        self.functions.set_status(status, self.exchange.requests_service());
+        let states = self.functions.states();
+        // rsv falls for one step behind a poll that has not told RQS: then SRQ rises anew
+        let untold = states.service == SR::APRS && states.addressing.talker != T::SPAS;
+        self.functions.set_status(status, self.exchange.requests_service() && !untold);
     }
 }
