@@ -303,6 +303,86 @@ fn a_client_that_hangs_up_or_clears_at_each_byte_leaves_working_instruments() {
     }
 }
 
+/// Questions, how much of each is sent by hand, and their answers.
+const QUESTIONS: [(&str, &str); 4] = [
+    ("*IDN?", "Stage Controller,SC6,0,0.1.0\n"),
+    ("*ESE?;:SYST:ERR?", "0;0,\"No error\"\n"),
+    ("POSE?", "0.000,0.000,0.000,0.00000000,0.00000000,0.00000000\n"),
+    ("AXIS1:POS:COMM?;:COMP:STAT?;*SRE?", "0.000;1;0\n"),
+];
+
+impl Client {
+    /// Reads so many bytes of an answer that is known.
+    fn read_part(&mut self, answer: &str, most: usize) {
+        let part = &answer.as_bytes()[..most];
+        if let Some(last) = part.last() {
+            let times = part.iter().filter(|byte| *byte == last).count();
+            let read: String = (0..times).map(|_| self.send(format!("++read {last}\n"))).collect();
+            assert_eq!(read.as_bytes(), part);
+        }
+    }
+}
+
+#[test]
+fn a_clear_at_each_byte_of_a_question_or_of_its_answer_leaves_nothing_of_it_and_no_error() {
+    let mut client = Client::new();
+    for (question, answer) in QUESTIONS {
+        for at in 0..=question.len() + answer.len() {
+            match at.checked_sub(question.len()) {
+                None => drop(client.send(format!("++eoi 0\n{}\n++eoi 1\n", &question[..at]))),
+                Some(read) => {
+                    client.send(format!("{question}\n"));
+                    assert_eq!(client.send("++spoll\n"), "16\r\n", "{question}");
+                    client.read_part(answer, read);
+                }
+            }
+            assert_eq!(client.send("++clr\n++spoll\n"), "0\r\n", "{question} {at}");
+            assert_eq!(client.ask("*IDN?"), QUESTIONS[0].1, "{question} {at}");
+            assert_eq!(client.errors(), NONE, "{question} {at}");
+        }
+    }
+}
+
+#[test]
+fn who_hangs_up_at_each_byte_leaves_no_half_line_and_an_unread_answer_is_told_to_the_next() {
+    let mut client = Client::new();
+    for (question, answer) in QUESTIONS {
+        for at in 0..=question.len() + answer.len() {
+            // a line goes to the instrument when it is whole
+            client.send(&question[..at.min(question.len())]);
+            let whole = at.checked_sub(question.len());
+            if let Some(read) = whole {
+                client.send("\n");
+                client.read_part(answer, read);
+            }
+            client.hang_up();
+            assert_eq!(client.ask("*IDN?"), QUESTIONS[0].1, "{question} {at}");
+            let unread = whole.is_some_and(|read| read < answer.len());
+            assert_eq!(client.errors(), if unread { vec![-410] } else { vec![] }, "{question} {at}");
+        }
+    }
+}
+
+#[test]
+fn a_read_or_a_new_question_at_each_byte_ends_in_the_error_of_the_standard() {
+    let mut client = Client::new();
+    for (question, answer) in QUESTIONS {
+        for at in 0..question.len() {
+            client.send(format!("++eoi 0\n{}\n++eoi 1\n", &question[..at]));
+            assert_eq!(client.send("++read eoi\n"), "", "{question} {at}");
+            assert_eq!(client.ask("*IDN?"), QUESTIONS[0].1, "{question} {at}");
+            assert_eq!(client.errors(), [-420], "{question} {at}");
+        }
+        for read in 0..=answer.len() {
+            client.send(format!("{question}\n"));
+            client.read_part(answer, read);
+            assert_eq!(client.ask("*IDN?"), QUESTIONS[0].1, "{question} {read}");
+            let unread = read < answer.len();
+            assert_eq!(client.errors(), if unread { vec![-410] } else { vec![] }, "{question} {read}");
+        }
+    }
+}
+
 /// No errors.
 const NONE: [i32; 0] = [];
 

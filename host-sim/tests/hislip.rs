@@ -124,6 +124,83 @@ impl Link {
     }
 }
 
+const IDENTITY: &str = "Stage Controller,SC6,0,0.1.0\n";
+const QUESTIONS: [(&str, &str); 3] =
+    [("*IDN?", IDENTITY), ("*ESE?;:SYST:ERR?\n", "0;0,\"No error\"\n"), ("AXIS1:POS:COMM?;*SRE?", "0.000;0\n")];
+
+impl Link {
+    fn errors(&mut self) -> Vec<i32> {
+        let mut found = Vec::new();
+        loop {
+            let told = self.ask("SYST:ERR?", READ);
+            match told.split(',').next().and_then(|number| number.parse().ok()) {
+                Some(0) => return found,
+                Some(number) => found.push(number),
+                None => panic!("{told:?}"),
+            }
+        }
+    }
+
+    /// Answers come in messages of one byte each.
+    fn take_single_bytes(&mut self) {
+        self.aside(Kind::AsyncMaxMsgSize, 0, 0, &17_u64.to_be_bytes());
+        assert_eq!(self.turn()[1].len(), 1);
+    }
+}
+
+#[test]
+fn a_clear_at_each_byte_of_a_question_or_behind_its_answer_leaves_nothing_of_it_and_no_error() {
+    for ((question, answer), overlap) in QUESTIONS.into_iter().flat_map(|q| [(q, 0), (q, 1)]) {
+        for at in 0..=question.len() {
+            let mut link = Link::new();
+            link.take_single_bytes();
+            link.clear(overlap);
+            let context = format!("{question:?} {at} {overlap}");
+            if at == question.len() {
+                link.send(Kind::DataEnd, READ, question.as_bytes());
+                let parts = link.turn()[0].iter().filter_map(|frame| frame.payload.clone()).collect::<Vec<_>>();
+                assert!(parts.iter().all(|part| part.len() == 1) && parts.concat() == answer.as_bytes(), "{context}");
+            } else if at > 0 {
+                link.send(Kind::Data, READ, &question.as_bytes()[..at]);
+                assert_eq!(link.turn(), [vec![], vec![]], "{context}");
+            }
+            link.clear(0);
+            // nothing of it comes behind the clear
+            assert_eq!(link.turn(), [vec![], vec![]], "{context}");
+            assert_eq!(link.ask("*IDN?", READ), IDENTITY, "{context}");
+            assert_eq!(link.errors(), Vec::<i32>::new(), "{context}");
+        }
+    }
+}
+
+#[test]
+fn a_message_that_stops_at_each_byte_of_its_header_or_text_hangs_up_without_a_trace() {
+    for (question, _) in QUESTIONS {
+        let whole = Frame::bytes(Kind::DataEnd, READ, 0xffff_ff00, question.as_bytes());
+        for at in 0..=whole.len() {
+            let mut link = Link::new();
+            link.waiting[0].extend(&whole[..at]);
+            let answered = !link.turn()[0].is_empty();
+            assert_eq!(answered, at == whole.len(), "{question:?} {at}");
+            link.hang_up();
+            assert_eq!(link.ask("*IDN?", 0), IDENTITY, "{question:?} {at}");
+            assert_eq!(link.errors(), Vec::<i32>::new(), "{question:?} {at}");
+        }
+    }
+}
+
+#[test]
+fn a_question_before_the_answer_is_said_to_be_read_is_the_error_of_the_standard() {
+    for (question, answer) in QUESTIONS {
+        let mut link = Link::new();
+        assert_eq!(link.ask(question, 0), answer);
+        assert_eq!(link.ask("*IDN?", 0), IDENTITY, "{question:?}");
+        assert_eq!(link.errors(), [-410], "{question:?}");
+        assert_eq!(link.ask(question, READ), answer);
+        assert_eq!(link.errors(), Vec::<i32>::new(), "it said that it was read");
+    }
+}
+
 #[test]
 fn no_client_wedges_a_link() {
     const PIECES: [&[u8]; 16] = [

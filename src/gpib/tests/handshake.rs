@@ -26,7 +26,7 @@ fn text(words: &str) -> Vec<(u8, bool)> {
 fn a_query_goes_in_and_its_answer_comes_out() {
     let mut bench = bench(1);
     bench.controller.say(&[DEVICE], &text("*IDN?\n"));
-    bench.board.exchange.answer.extend(text("stage,6,0,1\n"));
+    bench.board.firmware.exchange.answer.extend(text("stage,6,0,1\n"));
     bench.controller.read(DEVICE, &[], 100);
     bench.controller.command(&[UNT, UNL]);
     bench.finish();
@@ -39,7 +39,7 @@ fn a_query_goes_in_and_its_answer_comes_out() {
 #[test]
 fn what_the_device_says_reaches_every_listener_once() {
     let mut bench = bench(2);
-    bench.board.exchange.answer.extend(text("0.125,-3.5\n"));
+    bench.board.firmware.exchange.answer.extend(text("0.125,-3.5\n"));
     bench.controller.read(DEVICE, &[INSTRUMENT], 100);
     bench.controller.command(&[UNT, UNL]);
     bench.finish();
@@ -66,7 +66,7 @@ fn a_talker_that_has_nothing_to_say_asks_once_and_waits() {
     bench.controller.script.push_back(Op::StandBy);
     bench.finish();
     bench.rest(300_000);
-    let asked = bench.board.exchange.events.iter().filter(|event| **event == Event::ByteRequested).count();
+    let asked = bench.board.firmware.exchange.events.iter().filter(|event| **event == Event::ByteRequested).count();
     assert_eq!(asked, 1);
     assert_eq!(bench.watch.sourced, 0);
 }
@@ -74,7 +74,7 @@ fn a_talker_that_has_nothing_to_say_asks_once_and_waits() {
 #[test]
 fn nothing_leaves_while_nobody_listens() {
     let mut bench = Bench::new(5, Board::new(Pace::FAST), Instrument::new(false));
-    bench.board.exchange.answer.extend(text("lost?\n"));
+    bench.board.firmware.exchange.answer.extend(text("lost?\n"));
     bench.controller.recover();
     bench.controller.command(&[UNL, talk(DEVICE)]);
     bench.controller.script.push_back(Op::StandBy);
@@ -89,14 +89,14 @@ fn nothing_leaves_while_nobody_listens() {
 #[test]
 fn a_device_without_room_holds_the_source_and_loses_nothing() {
     let mut bench = bench(6);
-    bench.board.exchange.deaf = true;
+    bench.board.firmware.exchange.deaf = true;
     bench.controller.say(&[DEVICE], &text("ab"));
     for _ in 0..20_000 {
         bench.tick();
     }
     assert_eq!(bench.ledger.device.got, [(b'a', false)], "the one it had room for");
     assert!(bench.lines.has(Lines::NRFD));
-    bench.board.exchange.deaf = false;
+    bench.board.firmware.exchange.deaf = false;
     bench.finish();
     bench.rest(10_000);
     bench.check();
@@ -119,13 +119,13 @@ fn a_serial_poll_sends_the_status_byte_and_ends_the_request() {
     bench.rest(10_000);
     assert!(!bench.lines.has(Lines::SRQ));
     assert_eq!(bench.controller.statuses, [bus::instrument::STATUS, 0x50, 0x10], "RQS once");
-    assert_eq!(bench.board.exchange.polls, [(0x50, false), (0x10, false)]);
+    assert_eq!(bench.board.firmware.exchange.polls, [(0x50, false), (0x10, false)]);
 }
 
 #[test]
 fn a_poll_between_two_bytes_of_an_answer_disturbs_neither() {
     let mut bench = bench(8);
-    bench.board.exchange.answer.extend(text("abcdef"));
+    bench.board.firmware.exchange.answer.extend(text("abcdef"));
     bench.board.status(0x51, true);
     bench.controller.read(DEVICE, &[], 3);
     bench.controller.poll(DEVICE);
@@ -157,15 +157,15 @@ fn clear_and_trigger_reach_whom_they_name() {
     let mut bench = bench(10);
     bench.controller.command(&[UNL, listen(INSTRUMENT), GET, SDC]);
     bench.finish();
-    assert_eq!((bench.board.exchange.clears, bench.board.exchange.triggers), (0, 0));
+    assert_eq!((bench.board.firmware.exchange.clears, bench.board.firmware.exchange.triggers), (0, 0));
     bench.controller.command(&[listen(DEVICE), GET, SDC]);
     bench.finish();
     bench.rest(5_000);
-    assert_eq!((bench.board.exchange.clears, bench.board.exchange.triggers), (1, 1));
+    assert_eq!((bench.board.firmware.exchange.clears, bench.board.firmware.exchange.triggers), (1, 1));
     bench.controller.command(&[UNL, DCL, GET]);
     bench.finish();
     bench.rest(5_000);
-    assert_eq!((bench.board.exchange.clears, bench.board.exchange.triggers), (2, 1));
+    assert_eq!((bench.board.firmware.exchange.clears, bench.board.firmware.exchange.triggers), (2, 1));
 }
 
 #[test]
@@ -174,16 +174,16 @@ fn commands_of_other_functions_are_passed_over() {
     bench.controller.command(&[UNL, listen(DEVICE)]);
     bench.finish();
     bench.rest(5_000);
-    let (before, events) = (bench.board.device.states(), bench.board.exchange.events.len());
+    let (before, events) = (bench.board.firmware.device.states(), bench.board.firmware.exchange.events.len());
     // parallel poll configure with its secondary, unconfigure, take control, codes without meaning, secondaries
     let mut codes = vec![PPC, 0x6A, PPU, TCT, 0x00, 0x02, 0x0F, 0x10, 0x12, 0x1F];
     codes.extend(0x60..=0x7F);
     bench.controller.command(&codes);
     bench.finish();
     bench.rest(5_000);
-    let after = bench.board.device.states();
+    let after = bench.board.firmware.device.states();
     assert_eq!((after.addressing, after.remote), (before.addressing, before.remote));
-    assert_eq!(bench.board.exchange.events.len(), events);
+    assert_eq!(bench.board.firmware.exchange.events.len(), events);
     let told = bench.controller.said.iter().filter(|said| matches!(said, Said::Command(_))).count();
     assert_eq!(told, 2 + codes.len(), "each was shaken hands for");
 }
@@ -194,7 +194,7 @@ fn interface_messages_leave_the_eighth_bit_open() {
     bench.controller.command(&[0x80 | listen(DEVICE), 0x80 | GET]);
     bench.finish();
     bench.rest(5_000);
-    assert_eq!(bench.board.exchange.triggers, 1);
+    assert_eq!(bench.board.firmware.exchange.triggers, 1);
 }
 
 #[test]
@@ -216,7 +216,7 @@ fn the_device_is_remote_when_addressed_and_local_when_ren_goes() {
     bench.finish();
     bench.rest(5_000);
     let expected = [RL::REMS, RL::LOCS, RL::REMS, RL::RWLS, RL::LWLS, RL::RWLS, RL::LOCS];
-    assert_eq!(bench.board.exchange.remotes, expected);
+    assert_eq!(bench.board.firmware.exchange.remotes, expected);
 }
 
 #[test]

@@ -68,7 +68,7 @@ impl Reference {
     }
 
     fn seen(bench: &Bench) -> Reference {
-        let states = bench.board.device.states();
+        let states = bench.board.firmware.device.states();
         Reference {
             listens: states.addressing.listener != L::LIDS,
             talks: states.addressing.talker != T::TIDS,
@@ -76,8 +76,8 @@ impl Reference {
             enabled: bench.lines.has(stage_gpib::lines::Lines::REN),
             remote: states.remote.is_remote(),
             locked: matches!(states.remote, RL::LWLS | RL::RWLS),
-            clears: bench.board.exchange.clears,
-            triggers: bench.board.exchange.triggers,
+            clears: bench.board.firmware.exchange.clears,
+            triggers: bench.board.firmware.exchange.triggers,
         }
     }
 }
@@ -103,7 +103,7 @@ fn works(bench: &mut Bench) {
     bench.controller.recover();
     bench.controller.script.push_back(Op::Pause(100_000));
     bench.finish();
-    let states = bench.board.device.states();
+    let states = bench.board.firmware.device.states();
     assert_eq!(states.addressing, Addressing::IDLE);
     assert_eq!((states.acceptor, states.source), (AH::AIDS, SH::SIDS));
     assert!(!bench.board.pull().lines.has(stage_gpib::lines::Lines::NRFD | stage_gpib::lines::Lines::NDAC));
@@ -121,7 +121,7 @@ fn works(bench: &mut Bench) {
 
 fn bench(seed: u64, pace: Pace) -> Bench {
     let mut bench = Bench::new(seed, Board::new(pace), Instrument::new(true));
-    bench.board.exchange.endless = Some(0x40);
+    bench.board.firmware.exchange.endless = Some(0x40);
     // data that would do something, were they taken for interface messages
     bench.instrument.endless = Some(0);
     bench.controller.script.push_back(Op::Remote(true));
@@ -260,7 +260,8 @@ fn sequence(seed: u64, tally: &mut Tally) {
     let accounts = [&bench.ledger.device, &bench.ledger.instrument, &bench.ledger.controller];
     tally.bytes += accounts.iter().map(|account| account.got.len()).sum::<usize>();
     tally.cut += accounts.iter().flat_map(|account| &account.owed).filter(|(_, cut)| *cut).count();
-    tally.sent += bench.board.exchange.events.iter().filter(|event| matches!(event, Event::Sent { .. })).count() as u64;
+    tally.sent +=
+        bench.board.firmware.exchange.events.iter().filter(|event| matches!(event, Event::Sent { .. })).count() as u64;
     tally.polls += bench.controller.statuses.len();
     tally.abused += bench.controller.abused as u64;
     tally.compared += !bench.controller.torn as u64;

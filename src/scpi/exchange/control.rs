@@ -33,6 +33,12 @@ impl RemoteLocal {
         self.control
     }
 
+    /// For a link that keeps these states itself (RL1 of a GPIB): takes them over.
+    #[cfg(feature = "gpib")]
+    pub const fn follow(&mut self, control: Control) {
+        (self.enabled, self.control) = (false, control);
+    }
+
     /// The line REN: without it everything is local, and no lockout is left.
     pub const fn enable(&mut self, enabled: bool) {
         self.enabled = enabled;

@@ -32,6 +32,8 @@
 //! A stream needs none of this: there a [`Session`](super::session::Session) sends its answers as they come.
 
 mod control;
+#[cfg(feature = "gpib")]
+pub mod gpib;
 #[cfg(test)]
 mod tests;
 

@@ -1,4 +1,7 @@
 //! The device under test, its gates, and firmware that runs it.
+//!
+//! [`Board`] is pins and gates; what looks at samples is a [`Firmware`]. [`Simple`] is the device with an exchange that
+//! only counts; a real one may stand in its place.
 
 use super::Random;
 use super::ledger::{Ledger, Mark};
@@ -61,10 +64,39 @@ pub struct Exchange {
     pub deaf: bool,
 }
 
+/// What runs behind the pins.
+pub trait Firmware {
+    /// The interface functions.
+    fn device(&self) -> &Device;
+    /// Looks at a sample taken at `now`; says what to drive.
+    fn look(&mut self, now: Time, sample: Sample, ledger: &mut Ledger, random: &mut Random) -> Drive;
+}
+
+/// A device and an exchange that only counts.
 #[derive(Debug)]
-pub struct Board {
+pub struct Simple {
     pub device: Device,
     pub exchange: Exchange,
+}
+
+impl Firmware for Simple {
+    fn device(&self) -> &Device {
+        &self.device
+    }
+
+    fn look(&mut self, now: Time, sample: Sample, ledger: &mut Ledger, random: &mut Random) -> Drive {
+        let step = self.device.step(now, sample);
+        if let Some(event) = step.event {
+            self.exchange.hear(&mut self.device, event, ledger, random);
+        }
+        self.exchange.think(&mut self.device);
+        step.drive
+    }
+}
+
+#[derive(Debug)]
+pub struct Board<F = Simple> {
+    pub firmware: F,
     pace: Pace,
     /// Without the gates firmware alone has to answer ATN.
     pub fitted: bool,
@@ -83,10 +115,28 @@ impl Board {
     pub fn new(pace: Pace) -> Board {
         let mut device = Device::new(Address::new(DEVICE).expect("an address"));
         device.accept();
-        let still = device.clone().step(0, Sample { lines: Lines::NONE, armed: true }).drive;
+        Board::with(Simple { device, exchange: Exchange::default() }, pace)
+    }
+
+    /// A processor in reset, or dead.
+    pub fn unpowered() -> Board {
+        Board { online: false, sample_at: Time::MAX, ..Board::new(Pace::FAST) }
+    }
+
+    /// Nothing is waiting to be written that is not on the pins.
+    pub fn status(&mut self, status: u8, request: bool) {
+        self.firmware.exchange.status = status;
+        self.firmware.exchange.request = request;
+        self.firmware.device.set_status(status, request);
+    }
+}
+
+impl<F: Firmware> Board<F> {
+    /// A board as after power-up.
+    pub fn with(firmware: F, pace: Pace) -> Self {
+        let still = firmware.device().clone().step(0, Sample { lines: Lines::NONE, armed: true }).drive;
         Board {
-            device,
-            exchange: Exchange::default(),
+            firmware,
             pace,
             fitted: true,
             online: true,
@@ -99,14 +149,9 @@ impl Board {
         }
     }
 
-    /// A processor in reset, or dead.
-    pub fn unpowered() -> Board {
-        Board { online: false, sample_at: Time::MAX, ..Board::new(Pace::FAST) }
-    }
-
     /// Listens, as far as a source may rely on it.
     pub fn listens(&self) -> bool {
-        self.device.states().addressing.listener != L::LIDS
+        self.firmware.device().states().addressing.listener != L::LIDS
     }
 
     pub fn next(&self) -> Time {
@@ -136,12 +181,8 @@ impl Board {
             self.sample_at = now + between(random, 20, self.pace.pause);
         } else if let Some((_, sampled_at, lines)) = self.read.take() {
             let armed = if self.fitted { self.gates.armed } else { !lines.has(Lines::ATN) };
-            let step = self.device.step(sampled_at, Sample { lines, armed });
-            if let Some(event) = step.event {
-                self.exchange.hear(&mut self.device, event, ledger, random);
-            }
-            self.exchange.think(&mut self.device);
-            self.write = Some((now + between(random, 20, self.pace.answer), step.drive));
+            let drive = self.firmware.look(sampled_at, Sample { lines, armed }, ledger, random);
+            self.write = Some((now + between(random, 20, self.pace.answer), drive));
         } else {
             self.read = Some((now + between(random, 10, 100), now, lines));
         }
@@ -158,13 +199,6 @@ impl Board {
             Lines::NRFD | Lines::NDAC | Lines::SRQ
         };
         Pull { lines: lines.only(through) | (Lines::NRFD | Lines::NDAC).when(hold && !talks), drives_data: talks }
-    }
-
-    /// Nothing is waiting to be written that is not on the pins.
-    pub fn status(&mut self, status: u8, request: bool) {
-        self.exchange.status = status;
-        self.exchange.request = request;
-        self.device.set_status(status, request);
     }
 }
 

@@ -38,9 +38,10 @@ impl Watch {
         let device = pulls[0];
         let data = Lines::DIO | Lines::EOI | Lines::DAV;
 
-        let drivers: Vec<&str> = pulls.iter().zip(NAMES).filter(|(pull, _)| pull.drives_data).map(|(_, n)| n).collect();
-        if drivers.len() > 1 {
-            self.late.push(format!("{drivers:?} drive at once, {now} ns"));
+        if pulls.iter().filter(|pull| pull.drives_data).count() > 1 {
+            let names: Vec<&str> =
+                pulls.iter().zip(NAMES).filter(|(pull, _)| pull.drives_data).map(|(_, n)| n).collect();
+            self.late.push(format!("{names:?} drive at once, {now} ns"));
         }
         for (pull, name) in pulls.iter().zip(NAMES) {
             assert!(pull.drives_data || !pull.lines.has(data) || name == "controller", "{name} pulls without drivers");
