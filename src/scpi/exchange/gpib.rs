@@ -124,9 +124,7 @@ impl Interface {
             Event::Trigger => device.report(ErrorNumber::TriggerIgnored),
             Event::Clear => {
                 self.heard.clear();
-                self.asked = Asked::No;
                 self.exchange.clear(device);
-                self.make_room();
             }
             Event::ByteRequested if self.asked == Asked::No => self.asked = Asked::Byte,
             Event::ByteRequested => {}
@@ -162,13 +160,9 @@ impl Interface {
             self.heard.pop_front();
         }
         if self.full && self.heard.is_empty() {
-            self.make_room();
+            self.full = false;
+            self.functions.accept();
         }
-    }
-
-    fn make_room(&mut self) {
-        self.full = false;
-        self.functions.accept();
     }
 
     /// The next byte of the answer, if there is one.
