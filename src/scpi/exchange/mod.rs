@@ -31,8 +31,10 @@
 mod control;
 #[cfg(test)]
 mod tests;
+mod usb488;
 
 pub use control::{Control, RemoteLocal};
+pub use usb488::Attached;
 
 use super::status::stb;
 use crate::error::ErrorNumber;
@@ -54,7 +56,11 @@ pub trait Device {
     /// The message that is executed has asked something, and its answer has not ended.
     fn asks(&self) -> bool;
     /// Bytes of an answer wait.
-    fn has_answer(&self) -> bool;
+    fn has_answer(&self) -> bool {
+        self.available() > 0
+    }
+    /// So many bytes of an answer wait.
+    fn available(&self) -> usize;
     /// Hands bytes of an answer out; says how many.
     fn give(&mut self, to: &mut [u8]) -> usize;
     /// Forgets an answer, and the rest of its message.
@@ -248,6 +254,16 @@ impl Exchange {
             device.trigger()
         };
         self.see(device.status_byte(self.held));
+        done
+    }
+
+    /// The controller gives a message up that it has begun. False: the one before is executed, to be said again after
+    /// the next poll.
+    pub fn abandon(&mut self, device: &mut impl Device) -> bool {
+        let done = self.tell_end(device) && !(device.is_partial() && device.is_busy());
+        if done {
+            device.drop_partial();
+        }
         done
     }
 

@@ -86,8 +86,8 @@ impl Device for Session {
         self.busy && (self.out.is_open() || self.is_at_query())
     }
 
-    fn has_answer(&self) -> bool {
-        self.has_output()
+    fn available(&self) -> usize {
+        self.out.available()
     }
 
     fn give(&mut self, to: &mut [u8]) -> usize {
