@@ -108,7 +108,7 @@ fn a_block_goes_up_and_down_in_transfers_of_any_size() {
         usb.write(b"COMP:DATA?").unwrap();
         assert_eq!(usb.read().unwrap(), block, "by {size}");
         usb.write(&[b"COMP:LOAD ", &block[..block.len() - 1]].concat()).unwrap();
-        assert_eq!(usb.errors(), [], "in {chunk}");
+        assert_eq!(usb.errors(), [0; 0], "in {chunk}");
         // END in the middle of a block
         usb.write(&[b"COMP:LOAD ", &block[..100]].concat()).unwrap();
         assert_eq!(usb.errors(), [-161]);
