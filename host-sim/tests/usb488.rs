@@ -118,7 +118,7 @@ fn a_block_goes_up_and_down_in_transfers_of_any_size() {
 #[test]
 fn an_answer_longer_than_any_buffer_comes_whole() {
     let mut usb = usb();
-    let question = vec!["SYST:VERS?"; 40].join(";");
+    let question = vec!["SYST:VERS?"; 40].join(";:");
     usb.write(question.as_bytes()).unwrap();
     let answer = String::from_utf8(usb.read().unwrap()).unwrap();
     assert_eq!(answer.split(';').count(), 40);
@@ -278,6 +278,7 @@ fn a_message_that_is_aborted_at_any_packet_is_not_executed() {
         let mut usb = usb();
         usb.tag = 1;
         transfer.chunks(64).take(packets).for_each(|packet| usb.put(packet).unwrap());
+        usb.settle();
         assert_eq!(usb.abort_out(1), Ok(packets as u32 * 64 - 12));
         assert_eq!(usb.query("*ESE?;*SRE?").unwrap(), "0;0\n", "{packets}");
         assert_eq!(usb.errors(), [0; 0]);
@@ -368,7 +369,10 @@ impl Abuser {
             }
             11 => drop(usb.ask_for(1 + self.below(200) as u32, (self.below(3) == 0).then_some(b'1'))),
             12 => self.count("packets", usb.peek().is_some()),
-            13 => self.count("service requests", usb.notice().is_some_and(|[first, _]| first == 0x81)),
+            13 => {
+                let _ = usb.write(b"*CLS;*SRE 48;*ESE 255;FOO");
+                self.count("service requests", usb.notice().is_some_and(|[first, _]| first == 0x81));
+            }
             14 => drop(usb.read_stb()),
             15 => drop(usb.trigger()),
             16 => {
@@ -394,11 +398,22 @@ impl Abuser {
             }
             18 => {
                 // the beginning of a long transfer
-                let transfer = message_out(tag.max(1), &b"*ESE 1;".repeat(60), true);
+                let tag = usb.next_tag();
+                let transfer = message_out(tag, &b"*ESE 1;".repeat(60), true);
                 let packets = self.below(7);
                 let _ = transfer.chunks(64).take(packets).try_for_each(|packet| usb.put(packet));
+                usb.settle();
+                if self.below(2) == 0 {
+                    self.count("aborts out", usb.abort_out(tag).is_ok());
+                }
             }
-            19 => self.count("aborts in", usb.abort_in(tag).is_ok()),
+            19 => {
+                // given up in the middle of an answer
+                let _ = usb.write(piece);
+                let asked = usb.ask_for(100_000, None);
+                (0..self.below(4)).for_each(|_| drop(usb.peek()));
+                self.count("aborts in", asked.is_ok_and(|tag| usb.abort_in(tag).is_ok()));
+            }
             20 => self.count("aborts out", usb.abort_out(tag).is_ok()),
             21 => usb.clear().unwrap(),
             22 => usb.clear_halt(),

@@ -1,13 +1,13 @@
 //! What the class needs of the message exchange behind it.
 
-/// What a read has brought.
+/// What a host finds that begins to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Read {
-    /// So many bytes.
-    Bytes(usize),
+pub enum Found {
+    /// Bytes of an answer.
+    Answer,
     /// Nothing yet: a message is still executed, which may answer.
     NotYet,
-    /// Nothing, and nothing will come: the host has not asked. The instrument has noted that.
+    /// Nothing, and nothing will come: the host has not asked. The instrument notes that.
     NothingAsked,
 }
 
@@ -33,8 +33,10 @@ pub trait Instrument {
     fn available(&self) -> usize;
     /// The answer ends with the last of them.
     fn is_whole(&self) -> bool;
-    /// Hands bytes of an answer out.
-    fn read(&mut self, to: &mut [u8]) -> Read;
+    /// The host begins to read.
+    fn look(&mut self) -> Found;
+    /// Hands bytes of an answer out; says how many.
+    fn read(&mut self, to: &mut [u8]) -> usize;
     /// The link has bytes of an answer that its host has not.
     fn hold(&mut self, held: bool);
     /// The status byte with RQS in bit 6, which this clears.

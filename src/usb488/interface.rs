@@ -1,6 +1,5 @@
 //! The class as a whole: endpoints, requests and the instrument meet here.
 
-use crate::PACKET;
 use crate::control::status;
 use crate::instrument::{Instrument, Panel};
 use crate::notify::Notify;
@@ -99,19 +98,18 @@ impl Interface {
             self.notify.fetched();
             any = true;
         }
-        let mut packet = [0; PACKET];
         while self.wants_packet() {
-            let Some(packet) = wire.receive(&mut packet).and_then(|count| packet.get(..count)) else {
+            let Some(length) = wire.receive(self.receive.room()) else {
                 self.drain &= self.clear;
                 break;
             };
-            if self.packet_out(packet) {
+            if self.packet_out(length) {
                 wire.halt();
             }
             any = true;
         }
         if !self.send.recalls()
-            && let Some(packet) = self.send.packet(&mut packet).and_then(|count| packet.get(..count))
+            && let Some(packet) = self.send.packet()
             && wire.send(packet)
         {
             self.send.handed();
@@ -130,13 +128,13 @@ impl Interface {
     }
 
     /// A packet has come; true when bulk OUT is to be halted for it.
-    fn packet_out(&mut self, packet: &[u8]) -> bool {
+    fn packet_out(&mut self, length: usize) -> bool {
         if self.drain || self.halted {
             return false;
         }
         // who goes on has no use for the second part of a request
         self.check(self.split);
-        match self.receive.take(packet) {
+        match self.receive.take(length) {
             Brought::Data => {}
             Brought::Request(tag, size, term) => self.send.ask(tag, size, term),
             Brought::Malformed => {
@@ -226,7 +224,7 @@ impl Interface {
         if !self.may_split(Split::AbortIn) {
             return status::SPLIT_IN_PROGRESS;
         }
-        let active = self.send.active().is_some();
+        let active = self.send.is_active();
         if self.send.abort(tag) {
             self.split = Split::AbortIn;
             status::SUCCESS

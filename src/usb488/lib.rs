@@ -59,7 +59,7 @@ pub mod send;
 pub mod wire;
 
 pub use control::Setup;
-pub use instrument::{Instrument, Panel, Read};
+pub use instrument::{Found, Instrument, Panel};
 pub use interface::Interface;
 pub use wire::Wire;
 

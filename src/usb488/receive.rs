@@ -58,15 +58,21 @@ impl Receive {
         self.received
     }
 
-    /// Takes a packet; only when there is room.
-    pub fn take(&mut self, packet: &[u8]) -> Brought {
+    /// Where the next packet goes; only when there is room.
+    pub const fn room(&mut self) -> &mut [u8; PACKET] {
+        &mut self.packet
+    }
+
+    /// A packet has come, so long.
+    pub fn take(&mut self, length: usize) -> Brought {
         let begins = self.left == 0;
-        if begins && packet.is_empty() {
+        if begins && length == 0 {
             // ends a transfer of whole packets that was complete
             return Brought::Data;
         }
         let mut head = 0;
         if begins {
+            let packet = self.packet.get(..length).unwrap_or(&self.packet);
             let Some((tag, command)) = header::parse(packet) else { return Brought::Malformed };
             (self.tag, self.received) = (tag, 0);
             match command {
@@ -78,16 +84,15 @@ impl Receive {
                 }
             }
         }
-        let present = packet.len().saturating_sub(head);
+        let present = length.saturating_sub(head);
         let count = present.min(self.left as usize);
         let rest = self.left.saturating_sub(count as u32);
         // a short packet is the last, and has all that was announced; no more than alignment follows
-        if rest > 0 && packet.len() < PACKET || present.saturating_sub(count) > header::alignment(count) {
+        if rest > 0 && length < PACKET || present.saturating_sub(count) > header::alignment(count) {
             return Brought::Malformed;
         }
         self.left = rest;
         self.received = self.received.wrapping_add(count as u32);
-        self.packet.iter_mut().zip(packet).for_each(|(to, from)| *to = *from);
         (self.from, self.to) = (head, head.saturating_add(count));
         Brought::Data
     }

@@ -2,7 +2,12 @@
 
 use crate::PACKET;
 use crate::header::{self, EOM, TERM_CHAR};
-use crate::instrument::{Instrument, Read};
+use crate::instrument::{Found, Instrument};
+
+/// Where the answer begins, in the buffer: behind the header.
+const DATA: usize = header::SIZE;
+/// Most bytes behind the last one of a transfer.
+const ALIGNMENT: usize = 3;
 
 /// The host is going to read.
 #[derive(Clone, Copy, Debug)]
@@ -16,11 +21,10 @@ struct Request {
 #[derive(Clone, Copy, Debug)]
 struct Transfer {
     tag: u8,
-    attributes: u8,
     /// Its header has not been fetched.
     begins: bool,
     /// Bytes that have not been fetched.
-    left: u32,
+    left: usize,
 }
 
 /// What stands at the endpoint.
@@ -31,11 +35,18 @@ struct Flight {
     short: bool,
 }
 
+/// A packet, in the buffer.
+struct Place {
+    from: usize,
+    to: usize,
+    data: usize,
+}
+
 /// The answer that is sent.
 #[derive(Clone, Debug)]
 pub struct Send {
-    /// Bytes of the answer that the host has not fetched, `waiting` of them.
-    bytes: [u8; PACKET],
+    /// A header, and behind it bytes of the answer that the host has not fetched, `waiting` of them.
+    bytes: [u8; DATA + PACKET + ALIGNMENT],
     waiting: usize,
     request: Option<Request>,
     transfer: Option<Transfer>,
@@ -52,7 +63,7 @@ impl Send {
     /// Nothing to send.
     pub const fn new() -> Self {
         Send {
-            bytes: [0; PACKET],
+            bytes: [0; DATA + PACKET + ALIGNMENT],
             waiting: 0,
             request: None,
             transfer: None,
@@ -85,9 +96,9 @@ impl Send {
         self.waiting > 0
     }
 
-    /// The tag of a transfer that has been announced and not been fetched.
-    pub fn active(&self) -> Option<u8> {
-        self.transfer.map(|transfer| transfer.tag)
+    /// A transfer has been announced and not been fetched.
+    pub const fn is_active(&self) -> bool {
+        self.transfer.is_some()
     }
 
     /// Bytes that the host has fetched of this or the last transfer.
@@ -102,13 +113,14 @@ impl Send {
 
     /// Aborts the transfer; false when it is not that of `tag`. A request that has not been served is withdrawn.
     pub fn abort(&mut self, tag: u8) -> bool {
-        if self.active() == Some(tag) {
+        let mine = self.transfer.is_some_and(|transfer| transfer.tag == tag);
+        if mine {
             self.stop();
             self.ending = true;
-            return true;
+        } else if self.request.is_some_and(|request| request.tag == tag) {
+            self.request = None;
         }
-        self.request = self.request.filter(|request| request.tag != tag);
-        false
+        mine
     }
 
     /// Fetches what is to be sent. True when there was something to do.
@@ -119,13 +131,13 @@ impl Send {
         if self.transfer.is_none() && !self.begin(instrument) {
             return false;
         }
-        let left = self.transfer.map_or(0, |transfer| transfer.left as usize);
+        let Some(Transfer { left, .. }) = self.transfer else { return false };
         let filled = self.fill(left, instrument);
         if self.waiting < left.min(PACKET)
             && let Some(transfer) = &mut self.transfer
         {
             // what was announced is not there any more
-            transfer.left = self.waiting as u32;
+            transfer.left = self.waiting;
         }
         filled
     }
@@ -133,11 +145,11 @@ impl Send {
     /// Announces a transfer; false when there is nothing to send.
     fn begin<I: Instrument>(&mut self, instrument: &mut I) -> bool {
         let Some(request) = self.request else { return false };
-        if self.waiting == 0 && instrument.available() == 0 {
-            match instrument.read(&mut self.bytes) {
-                Read::Bytes(count) => self.waiting = count,
-                Read::NotYet => return false,
-                Read::NothingAsked => {
+        if self.waiting == 0 {
+            match instrument.look() {
+                Found::Answer => {}
+                Found::NotYet => return false,
+                Found::NothingAsked => {
                     self.request = None;
                     return false;
                 }
@@ -149,64 +161,59 @@ impl Send {
         if let Some(term) = request.term {
             self.fill(size, instrument);
             size = size.min(self.waiting);
-            if let Some(at) = self.bytes.iter().take(size).position(|byte| *byte == term) {
+            if let Some(at) = self.bytes.iter().skip(DATA).take(size).position(|byte| *byte == term) {
                 (size, attributes) = (at.saturating_add(1), TERM_CHAR);
             }
         }
         if size == there && instrument.is_whole() {
             attributes |= EOM;
         }
+        if let Some(head) = self.bytes.first_chunk_mut() {
+            *head = header::answer(request.tag, size as u32, attributes);
+        }
         self.request = None;
         self.sent = 0;
-        self.transfer = Some(Transfer { tag: request.tag, attributes, begins: true, left: size as u32 });
+        self.transfer = Some(Transfer { tag: request.tag, begins: true, left: size });
         true
     }
 
     /// Fetches up to `size` bytes of the answer, as far as they find room. True when any came.
     fn fill<I: Instrument>(&mut self, size: usize, instrument: &mut I) -> bool {
-        let Some(room) = self.bytes.get_mut(self.waiting..size.min(PACKET)).filter(|room| !room.is_empty()) else {
-            return false;
-        };
-        let Read::Bytes(count) = instrument.read(room) else { return false };
+        let (from, to) = (DATA.saturating_add(self.waiting), DATA.saturating_add(size.min(PACKET)));
+        let Some(room) = self.bytes.get_mut(from..to).filter(|room| !room.is_empty()) else { return false };
+        let count = instrument.read(room);
         self.waiting = self.waiting.saturating_add(count);
         count > 0
     }
 
-    /// The next packet for the endpoint, when it is free; says how long it is.
-    pub fn packet(&self, packet: &mut [u8; PACKET]) -> Option<usize> {
-        self.compose(packet).map(|(length, _)| length)
+    /// The next packet for the endpoint, when it is free.
+    pub fn packet(&self) -> Option<&[u8]> {
+        let Place { from, to, .. } = self.place()?;
+        self.bytes.get(from..to)
     }
 
-    /// The next packet; its length, and how many bytes of the answer are in it.
-    fn compose(&self, packet: &mut [u8; PACKET]) -> Option<(usize, usize)> {
+    fn place(&self) -> Option<Place> {
         if self.flight.is_some() {
             return None;
         }
         if self.ending {
-            return Some((0, 0));
+            return Some(Place { from: DATA, to: DATA, data: 0 });
         }
-        let transfer = self.transfer?;
-        let head = if transfer.begins { header::SIZE } else { 0 };
-        let data = (transfer.left as usize).min(PACKET.saturating_sub(head));
+        let Transfer { begins, left, .. } = self.transfer?;
+        let (from, most) = if begins { (0, PACKET.saturating_sub(DATA)) } else { (DATA, PACKET) };
+        let data = left.min(most);
         if data > self.waiting {
             return None;
         }
-        if transfer.begins {
-            let header = header::answer(transfer.tag, transfer.left, transfer.attributes);
-            packet.iter_mut().zip(header).for_each(|(to, from)| *to = from);
-        }
-        let body = packet.iter_mut().skip(head);
-        body.zip(self.bytes.iter().take(data).chain(&[0; 3])).for_each(|(to, from)| *to = *from);
-        let last = data == transfer.left as usize;
-        let filled = head.saturating_add(data);
-        let length = if last { filled.saturating_add(header::alignment(filled)) } else { filled };
-        Some((length, data))
+        // what the alignment bytes are is left open
+        let padding = if data == left { header::alignment(data) } else { 0 };
+        Some(Place { from, to: DATA.saturating_add(data).saturating_add(padding), data })
     }
 
     /// The packet is at the endpoint.
     pub fn handed(&mut self) {
-        if let Some((length, data)) = self.compose(&mut [0; PACKET]) {
-            self.flight = Some(Flight { data, short: length < PACKET });
+        if let Some(Place { from, to, data }) = self.place() {
+            self.flight = Some(Flight { data, short: to.saturating_sub(from) < PACKET });
         }
     }
 
@@ -214,13 +221,13 @@ impl Send {
     pub fn fetched(&mut self) {
         let Some(Flight { data, short }) = self.flight.take() else { return };
         let data = data.min(self.waiting);
-        self.bytes.copy_within(data..self.waiting, 0);
         self.waiting = self.waiting.saturating_sub(data);
+        self.bytes.copy_within(DATA.saturating_add(data)..DATA.saturating_add(data).saturating_add(self.waiting), DATA);
         self.sent = self.sent.saturating_add(data as u32);
         self.ending = self.ending && (!short || data > 0);
         if let Some(transfer) = &mut self.transfer {
             transfer.begins = false;
-            transfer.left = transfer.left.saturating_sub(data as u32);
+            transfer.left = transfer.left.saturating_sub(data);
             if short {
                 self.transfer = None;
             }
@@ -240,12 +247,11 @@ impl Send {
     /// The endpoint is empty; `fetched`: because the host was faster.
     pub fn recalled(&mut self, fetched: bool) {
         self.recall = false;
+        let ending = self.ending;
         if fetched {
-            let ending = self.ending;
             self.fetched();
-            self.ending = ending;
         }
-        self.flight = None;
+        (self.flight, self.ending) = (None, ending);
     }
 }
 

@@ -129,18 +129,28 @@ impl Exchange {
         if to.is_empty() {
             return Read::NotYet;
         }
-        let read = if device.has_answer() {
-            let count = device.give(to);
-            Read::Bytes(count, !device.has_answer() && !device.asks())
+        let asked = self.look(device);
+        if !matches!(asked, Read::Bytes(..)) {
+            return asked;
+        }
+        let count = device.give(to);
+        self.see(device.status_byte(self.held));
+        Read::Bytes(count, !device.has_answer() && !device.asks())
+    }
+
+    /// As [`Exchange::read`], but leaves the bytes where they are: says how many there are.
+    pub fn look(&mut self, device: &mut impl Device) -> Read {
+        let there = device.available();
+        if there > 0 {
+            Read::Bytes(there, !device.asks())
         } else if self.ending || device.is_busy() {
             Read::NotYet
         } else {
             device.drop_partial();
             device.report(ErrorNumber::QueryUnterminated);
+            self.see(device.status_byte(self.held));
             Read::NothingAsked
-        };
-        self.see(device.status_byte(self.held));
-        read
+        }
     }
 
     /// Executes what can be executed: `execute` polls the device, shows every status byte on the way, and says whether

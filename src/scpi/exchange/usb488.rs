@@ -1,7 +1,7 @@
 //! A device with its exchange, as what stands behind an interface of class USB488.
 
 use super::{Device, Exchange, Read};
-use stage_usb488::{Instrument, Panel, Read as Brought};
+use stage_usb488::{Found, Instrument, Panel};
 
 /// A device with its exchange. What it can execute is executed before [`stage_usb488::Interface::turn`].
 pub struct Attached<'a, D> {
@@ -24,12 +24,17 @@ impl<D: Device> Instrument for Attached<'_, D> {
         !self.device.asks()
     }
 
-    fn read(&mut self, to: &mut [u8]) -> Brought {
-        match self.exchange.read(self.device, to) {
-            Read::Bytes(count, _) => Brought::Bytes(count),
-            Read::NotYet => Brought::NotYet,
-            Read::NothingAsked => Brought::NothingAsked,
+    fn look(&mut self) -> Found {
+        match self.exchange.look(self.device) {
+            Read::Bytes(..) => Found::Answer,
+            Read::NotYet => Found::NotYet,
+            Read::NothingAsked => Found::NothingAsked,
         }
+    }
+
+    fn read(&mut self, to: &mut [u8]) -> usize {
+        // its caller tells the exchange what it holds then
+        self.device.give(to)
     }
 
     fn hold(&mut self, held: bool) {

@@ -2,7 +2,7 @@
 #![allow(dead_code)]
 
 use super::host::{Bench, Usb};
-use stage_usb488::{Instrument, Interface, Panel, Read};
+use stage_usb488::{Found, Instrument, Interface, Panel};
 use std::collections::VecDeque;
 
 /// `send N` is answered by N bytes, anything else with `?` by itself; `work` takes until [`Fake::work`] is done.
@@ -72,17 +72,21 @@ impl Instrument for Fake {
         !self.more
     }
 
-    fn read(&mut self, to: &mut [u8]) -> Read {
-        if self.answer.is_empty() {
-            if self.work > 0 || self.more {
-                return Read::NotYet;
-            }
-            self.unasked += 1;
-            return Read::NothingAsked;
+    fn look(&mut self) -> Found {
+        if !self.answer.is_empty() {
+            return Found::Answer;
         }
+        if self.work > 0 || self.more {
+            return Found::NotYet;
+        }
+        self.unasked += 1;
+        Found::NothingAsked
+    }
+
+    fn read(&mut self, to: &mut [u8]) -> usize {
         let count = to.len().min(self.answer.len());
         to.iter_mut().zip(self.answer.drain(..count)).for_each(|(to, from)| *to = from);
-        Read::Bytes(count)
+        count
     }
 
     fn hold(&mut self, held: bool) {
