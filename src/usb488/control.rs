@@ -85,14 +85,17 @@ impl Interface {
         }
         let (length, code, second, count) = match setup.request {
             INITIATE_ABORT_BULK_OUT => (2, self.abort_out(low), self.receive.tag(), 0),
-            CHECK_ABORT_BULK_OUT_STATUS => (8, self.check(Split::AbortOut).0, 0, self.receive.received()),
             INITIATE_ABORT_BULK_IN => (2, self.abort_in(low), low, 0),
-            CHECK_ABORT_BULK_IN_STATUS => {
-                let (code, more) = self.check(Split::AbortIn);
-                (8, code, more, self.send.sent())
-            }
             INITIATE_CLEAR => (1, self.begin_clear(), 0, 0),
-            CHECK_CLEAR_STATUS => (2, self.check(Split::Clear).0, 0, 0),
+            CHECK_ABORT_BULK_OUT_STATUS | CHECK_ABORT_BULK_IN_STATUS | CHECK_CLEAR_STATUS => {
+                let (split, length, count) = match setup.request {
+                    CHECK_ABORT_BULK_OUT_STATUS => (Split::AbortOut, 8, self.receive.received()),
+                    CHECK_ABORT_BULK_IN_STATUS => (Split::AbortIn, 8, self.send.sent()),
+                    _ => (Split::Clear, 2, 0),
+                };
+                let (code, more) = self.check(split);
+                (length, code, more, count)
+            }
             GET_CAPABILITIES => {
                 *answer = CAPABILITIES;
                 return Some(CAPABILITIES_SIZE);

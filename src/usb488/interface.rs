@@ -248,6 +248,7 @@ impl Interface {
     }
 
     /// How a two-part request goes, and whether bulk IN has something that ends it.
+    #[inline(never)]
     pub(crate) fn check(&mut self, split: Split) -> (u8, u8) {
         if self.split != split {
             return (status::SPLIT_NOT_IN_PROGRESS, 0);

@@ -86,6 +86,7 @@ impl Send {
         self.waiting = 0;
     }
 
+    #[inline(never)]
     fn stop(&mut self) {
         self.recall = self.flight.is_some();
         (self.request, self.transfer, self.ending) = (None, None, false);
@@ -192,6 +193,7 @@ impl Send {
         self.bytes.get(from..to)
     }
 
+    #[inline(never)]
     fn place(&self) -> Option<Place> {
         if self.flight.is_some() {
             return None;

@@ -1,8 +1,8 @@
 //! Interfaces and endpoints of the device, whatever hardware is below.
 
-use embassy_usb::Builder;
 use embassy_usb::descriptor::{SynchronizationType, UsageType};
 use embassy_usb::driver::{Driver, EndpointAddress, EndpointInfo, EndpointType};
+use embassy_usb::{Builder, Config};
 use stage_usb488::{PACKET, descriptor};
 
 /// Bytes of the configuration descriptor.
@@ -35,6 +35,16 @@ pub struct Announced<O, I> {
     pub bulk_out: O,
     pub bulk_in: I,
     pub interrupt_in: I,
+}
+
+/// Who it is. Vendor and product are of pid.codes' test range (1209:0001): a maker puts his own.
+pub fn identity(serial_number: &str) -> Config<'_> {
+    let mut config = Config::new(0x1209, 0x0001);
+    config.manufacturer = Some("Stage Controller");
+    config.product = Some("SC6");
+    config.serial_number = Some(serial_number);
+    config.max_power = 100;
+    config
 }
 
 /// Writes the descriptors of all interfaces, and sets their endpoints up.

@@ -1,7 +1,5 @@
 //! The USB port: a CDC-ACM serial device and a USB488 instrument on the micro-AB socket, beside USART2.
 //!
-//! Vendor and product are of pid.codes' test range (1209:0001): a maker puts his own.
-//!
 //! # Endpoints
 //! OTG_FS of the STM32F407 has three endpoints each way beside endpoint 0 (RM0090, 34.1), and this device announces
 //! four IN endpoints. Three are real; the fourth is that of CDC-ACM for notifications. Drivers of Linux and macOS refuse
@@ -28,7 +26,7 @@ use driver::Guarded;
 use embassy_futures::join::join4;
 use embassy_stm32::usb::{Config as OtgConfig, Driver as Otg, InterruptHandler};
 use embassy_stm32::{Peri, bind_interrupts, peripherals};
-use embassy_usb::{Builder, Config};
+use embassy_usb::Builder;
 use instrument::{Requests, Shared};
 use serial::Lines;
 use static_cell::StaticCell;
@@ -59,11 +57,7 @@ pub async fn run(parts: Parts, serial_number: &'static str, plug: &'static Plug,
     otg.vbus_detection = false;
     let bus = Otg::new_fs(parts.usb, Irqs, parts.dp, parts.dm, OUT.init([0; 192]), otg);
 
-    let mut config = Config::new(0x1209, 0x0001);
-    config.manufacturer = Some("Stage Controller");
-    config.product = Some("SC6");
-    config.serial_number = Some(serial_number);
-    config.max_power = 100;
+    let config = composition::identity(serial_number);
     let (configuration, bos, control) = DESCRIPTORS.init(([0; composition::SIZE], [0; 16], [0; 64]));
     let mut builder = Builder::new(Guarded::new(bus, shared), config, configuration, bos, &mut [], control);
     let Announced { serial_out, serial_in, bulk_out, bulk_in, interrupt_in } = composition::announce(&mut builder);
