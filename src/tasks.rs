@@ -88,13 +88,6 @@ impl<'a, const N: usize> Controller<'a, N> {
                 hal.set_enables(self.front.enable_lines(), self.front.disabled_lines());
                 // short conditions are latched when they change, not only when a client asks
                 self.links.observe(self.front);
-                #[cfg(feature = "bus")]
-                for (exchange, link) in self.exchanges.iter_mut().zip(self.open) {
-                    if let (Some(exchange), Some(session)) = (exchange, link.and_then(|link| self.links.session(link)))
-                    {
-                        exchange.observe(session);
-                    }
-                }
             }
         }
         // after the reports: one that tells of an abort comes before what is sampled behind it

@@ -411,7 +411,9 @@ impl Abuser {
                 // given up in the middle of an answer
                 let _ = usb.write(piece);
                 let asked = usb.ask_for(100_000, None);
-                (0..self.below(4)).for_each(|_| drop(usb.peek()));
+                for _ in 0..self.below(4) {
+                    self.count("packets", usb.peek().is_some());
+                }
                 self.count("aborts in", asked.is_ok_and(|tag| usb.abort_in(tag).is_ok()));
             }
             20 => self.count("aborts out", usb.abort_out(tag).is_ok()),

@@ -120,7 +120,7 @@ impl Exchange {
             self.ending = true;
             self.tell_end(device);
         }
-        self.see(device.status_byte(self.held));
+        self.observe(device);
         taken
     }
 
@@ -134,7 +134,7 @@ impl Exchange {
             return asked;
         }
         let count = device.give(to);
-        self.see(device.status_byte(self.held));
+        self.observe(device);
         Read::Bytes(count, !device.has_answer() && !device.asks())
     }
 
@@ -148,7 +148,7 @@ impl Exchange {
         } else {
             device.drop_partial();
             device.report(ErrorNumber::QueryUnterminated);
-            self.see(device.status_byte(self.held));
+            self.observe(device);
             Read::NothingAsked
         }
     }
@@ -167,7 +167,7 @@ impl Exchange {
                     self.see(status);
                 }
             });
-            self.see(device.status_byte(self.held));
+            self.observe(device);
             let ended = self.ending && self.tell_end(device);
             if device.has_more() && self.interrupt(device) || ended {
                 continue;
@@ -184,7 +184,7 @@ impl Exchange {
     /// For links that take answers ahead of their reader: `held` until the last byte has been read.
     pub fn hold(&mut self, device: &impl Device, held: bool) {
         self.held = held;
-        self.see(device.status_byte(self.held));
+        self.observe(device);
     }
 
     /// Something was sent while an answer waited: -410.
@@ -199,6 +199,7 @@ impl Exchange {
     }
 
     /// True when the device knows of the end now.
+    #[inline(never)]
     fn tell_end(&mut self, device: &mut impl Device) -> bool {
         if self.ending {
             self.ending = !device.end();
@@ -207,6 +208,7 @@ impl Exchange {
     }
 
     /// Something has changed at the device between two polls.
+    #[inline(never)] // called at the end of everything
     pub fn observe(&mut self, device: &impl Device) {
         self.see(device.status_byte(self.held));
     }
@@ -246,7 +248,7 @@ impl Exchange {
     pub fn clear(&mut self, device: &mut impl Device) {
         (self.ending, self.held) = (false, false);
         device.clear();
-        self.see(device.status_byte(self.held));
+        self.observe(device);
     }
 
     /// Group execute trigger. False: to be said again after the next poll.
@@ -263,7 +265,7 @@ impl Exchange {
             self.interrupt(device);
             device.trigger()
         };
-        self.see(device.status_byte(self.held));
+        self.observe(device);
         done
     }
 
