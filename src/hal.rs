@@ -4,6 +4,8 @@
 
 use crate::refill::border::{Order, Report, Sample};
 use crate::refill::safety::{Halt, Watch};
+#[cfg(feature = "bus")]
+use crate::scpi::{exchange::Attached, session::Session};
 use crate::store::Standstill;
 
 /// The thread's side of the step output, of the drivers and of the lights.
@@ -72,4 +74,16 @@ pub trait Port {
     fn send(&mut self, bytes: &[u8]);
     /// Goes on with what it has begun; called in every turn.
     fn attend(&mut self) {}
+    /// The port as a bus, if it is one: then it has neither bytes nor room.
+    #[cfg(feature = "bus")]
+    fn bus(&mut self) -> Option<&mut dyn BusPort> {
+        None
+    }
+}
+
+/// A port on which one side speaks at a time. It deals with the message exchange, not with bytes.
+#[cfg(feature = "bus")]
+pub trait BusPort {
+    /// Goes on with the exchange of its link; true when something has changed for either.
+    fn turn(&mut self, link: &mut Attached<'_, Session>) -> bool;
 }

@@ -93,6 +93,7 @@ stage_no_std() { # The library builds with no operating system
     need_thumb
     cargo build -q --release -p stage-controller --lib --target thumbv7em-none-eabihf
     cargo build -q --release -p stage-gpib --target thumbv7em-none-eabihf
+    cargo build -q --release -p stage-usb488 --target thumbv7em-none-eabihf
 }
 
 stage_unit() { # All tests, debug build

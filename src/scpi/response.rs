@@ -257,6 +257,12 @@ impl Response {
         self.message_open
     }
 
+    /// Bytes that the link can take.
+    #[cfg(feature = "bus")]
+    pub(super) fn available(&self) -> usize {
+        self.bytes.len().saturating_sub(self.read)
+    }
+
     /// Moves answers to the link; says how many bytes.
     pub fn transmit(&mut self, to: &mut [u8]) -> usize {
         let from = self.bytes.get(self.read..).unwrap_or(&[]);

@@ -57,8 +57,8 @@ impl Device for Session {
             && (!self.answers.is_empty() || matches!(self.wait, Some(Wait::Reading { .. })) || self.is_at_query())
     }
 
-    fn has_answer(&self) -> bool {
-        !self.output.is_empty()
+    fn available(&self) -> usize {
+        self.output.len()
     }
 
     fn give(&mut self, to: &mut [u8]) -> usize {

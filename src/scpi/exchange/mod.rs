@@ -36,8 +36,10 @@ mod control;
 pub mod gpib;
 #[cfg(test)]
 mod tests;
+mod usb488;
 
 pub use control::{Control, RemoteLocal};
+pub use usb488::Attached;
 
 use super::status::stb;
 use crate::error::ErrorNumber;
@@ -59,7 +61,11 @@ pub trait Device {
     /// The message that is executed has asked something, and its answer has not ended.
     fn asks(&self) -> bool;
     /// Bytes of an answer wait.
-    fn has_answer(&self) -> bool;
+    fn has_answer(&self) -> bool {
+        self.available() > 0
+    }
+    /// So many bytes of an answer wait.
+    fn available(&self) -> usize;
     /// Hands bytes of an answer out; says how many.
     fn give(&mut self, to: &mut [u8]) -> usize;
     /// Forgets an answer, and the rest of its message.
@@ -123,7 +129,7 @@ impl Exchange {
             self.ending = true;
             self.tell_end(device);
         }
-        self.see(device.status_byte(self.held));
+        self.observe(device);
         taken
     }
 
@@ -132,18 +138,28 @@ impl Exchange {
         if to.is_empty() {
             return Read::NotYet;
         }
-        let read = if device.has_answer() {
-            let count = device.give(to);
-            Read::Bytes(count, !device.has_answer() && !device.asks())
+        let asked = self.look(device);
+        if !matches!(asked, Read::Bytes(..)) {
+            return asked;
+        }
+        let count = device.give(to);
+        self.observe(device);
+        Read::Bytes(count, !device.has_answer() && !device.asks())
+    }
+
+    /// As [`Exchange::read`], but leaves the bytes where they are: says how many there are.
+    pub fn look(&mut self, device: &mut impl Device) -> Read {
+        let there = device.available();
+        if there > 0 {
+            Read::Bytes(there, !device.asks())
         } else if self.ending || device.is_busy() {
             Read::NotYet
         } else {
             device.drop_partial();
             device.report(ErrorNumber::QueryUnterminated);
+            self.observe(device);
             Read::NothingAsked
-        };
-        self.see(device.status_byte(self.held));
-        read
+        }
     }
 
     /// Executes what can be executed: `execute` polls the device, shows every status byte on the way, and says whether
@@ -160,7 +176,7 @@ impl Exchange {
                     self.see(status);
                 }
             });
-            self.see(device.status_byte(self.held));
+            self.observe(device);
             let ended = self.ending && self.tell_end(device);
             if device.has_more() && self.interrupt(device) || ended {
                 continue;
@@ -177,7 +193,7 @@ impl Exchange {
     /// For links that take answers ahead of their reader: `held` until the last byte has been read.
     pub fn hold(&mut self, device: &impl Device, held: bool) {
         self.held = held;
-        self.see(device.status_byte(self.held));
+        self.observe(device);
     }
 
     /// Something was sent while an answer waited: -410.
@@ -192,6 +208,7 @@ impl Exchange {
     }
 
     /// True when the device knows of the end now.
+    #[inline(never)]
     fn tell_end(&mut self, device: &mut impl Device) -> bool {
         if self.ending {
             self.ending = !device.end();
@@ -200,6 +217,7 @@ impl Exchange {
     }
 
     /// Something has changed at the device between two polls.
+    #[inline(never)] // called at the end of everything
     pub fn observe(&mut self, device: &impl Device) {
         self.see(device.status_byte(self.held));
     }
@@ -239,7 +257,7 @@ impl Exchange {
     pub fn clear(&mut self, device: &mut impl Device) {
         (self.ending, self.held) = (false, false);
         device.clear();
-        self.see(device.status_byte(self.held));
+        self.observe(device);
     }
 
     /// Group execute trigger. False: to be said again after the next poll.
@@ -256,7 +274,17 @@ impl Exchange {
             self.interrupt(device);
             device.trigger()
         };
-        self.see(device.status_byte(self.held));
+        self.observe(device);
+        done
+    }
+
+    /// The controller gives a message up that it has begun. False: the one before is executed, to be said again after
+    /// the next poll.
+    pub fn abandon(&mut self, device: &mut impl Device) -> bool {
+        let done = self.tell_end(device) && !(device.is_partial() && device.is_busy());
+        if done {
+            device.drop_partial();
+        }
         done
     }
 

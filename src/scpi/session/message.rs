@@ -10,7 +10,7 @@ impl Session {
     /// As [`Session::poll`], but no message is begun while the answer of the one before it waits for its reader, and
     /// a query behind an indefinite answer is refused (-440). `see` is shown the status byte in front of every unit.
     pub fn poll_message(&mut self, instrument: &mut impl Instrument, mut see: impl FnMut(u8)) -> bool {
-        self.advance(instrument, |session| {
+        self.advance(instrument, &mut |session| {
             see(session.status_byte());
             if !session.busy {
                 return !session.has_output();
@@ -86,8 +86,8 @@ impl Device for Session {
         self.busy && (self.out.is_open() || self.is_at_query())
     }
 
-    fn has_answer(&self) -> bool {
-        self.has_output()
+    fn available(&self) -> usize {
+        self.out.available()
     }
 
     fn give(&mut self, to: &mut [u8]) -> usize {

@@ -189,13 +189,12 @@ impl Session {
 
     /// Executes what can be executed. True when a unit was.
     pub fn poll(&mut self, instrument: &mut impl Instrument) -> bool {
-        self.advance(instrument, |_| true)
+        self.advance(instrument, &mut |_| true)
     }
 
     /// Executes what can be executed, for as long as `goes_on` says so; it is asked in front of every unit and every
     /// message.
-    #[inline(always)]
-    fn advance(&mut self, instrument: &mut impl Instrument, mut goes_on: impl FnMut(&mut Self) -> bool) -> bool {
+    fn advance(&mut self, instrument: &mut impl Instrument, goes_on: &mut dyn FnMut(&mut Self) -> bool) -> bool {
         let mut progress = false;
         if core::mem::take(&mut self.abort_now) {
             instrument.abort(self.link);

@@ -1,0 +1,197 @@
+//! The instrument on USB: between the endpoints, requests, and the controller's turn stands one [`Interface`].
+
+use super::composition::{INSTRUMENT, INSTRUMENT_INTERFACE};
+use super::otg;
+use crate::board::port::ARRIVED;
+use core::cell::{Cell, RefCell};
+use core::future::{Future, poll_fn};
+use core::pin::pin;
+use core::task::{Context, Poll};
+use embassy_sync::waitqueue::AtomicWaker;
+use embassy_usb::Handler;
+use embassy_usb::control::{InResponse, Recipient, Request, RequestType};
+use embassy_usb::driver::{Direction, EndpointIn, EndpointOut};
+use stage_controller::hal::{BusPort, Port, PortEvent};
+use stage_controller::scpi::exchange::Attached;
+use stage_controller::scpi::session::Session;
+use stage_usb488::control::{Answer, OF_ENDPOINT, OF_INTERFACE};
+use stage_usb488::{Interface, PACKET, Setup, Wire};
+
+/// Index of an endpoint.
+const fn index(address: u8) -> usize {
+    (address & 0xf) as usize
+}
+
+/// What the tasks of USB and the controller share. Both are on the same executor: neither is in the midst of something
+/// when the other has its turn.
+pub struct Shared {
+    interface: RefCell<Interface>,
+    closed: Cell<bool>,
+    opened: Cell<bool>,
+    /// Wakes the task of USB.
+    woken: AtomicWaker,
+}
+
+impl Shared {
+    /// Not configured.
+    pub const fn new() -> Self {
+        Shared {
+            interface: RefCell::new(Interface::new()),
+            closed: Cell::new(false),
+            opened: Cell::new(false),
+            woken: AtomicWaker::new(),
+        }
+    }
+
+    /// The host has cleared the halt of bulk OUT.
+    pub fn halt_cleared(&self) {
+        self.interface.borrow_mut().halt_cleared();
+    }
+
+    /// Nothing of what was is left; the host may have come.
+    fn begin(&self, opened: bool) {
+        *self.interface.borrow_mut() = Interface::new();
+        self.closed.set(true);
+        self.opened.set(opened);
+        ARRIVED.signal(());
+    }
+}
+
+/// Requests of the host.
+pub struct Requests(pub &'static Shared);
+
+impl Handler for Requests {
+    fn reset(&mut self) {
+        self.0.begin(false);
+    }
+
+    fn configured(&mut self, configured: bool) {
+        self.0.begin(configured);
+    }
+
+    fn control_in<'a>(&'a mut self, request: Request, answer: &'a mut [u8]) -> Option<InResponse<'a>> {
+        let [place, _] = request.index.to_le_bytes();
+        let kind = match (request.request_type, request.recipient, request.direction) {
+            (RequestType::Class, Recipient::Interface, Direction::In) if request.index == INSTRUMENT_INTERFACE => {
+                OF_INTERFACE
+            }
+            (RequestType::Class, Recipient::Endpoint, Direction::In)
+                if [INSTRUMENT.bulk_out, INSTRUMENT.bulk_in].contains(&place) =>
+            {
+                OF_ENDPOINT
+            }
+            _ => return None,
+        };
+        let setup = Setup { kind, request: request.request, value: request.value, index: request.index };
+        let answer: &mut Answer = answer.first_chunk_mut()?;
+        let length = self.0.interface.borrow_mut().control(setup, answer);
+        ARRIVED.signal(());
+        Some(match length {
+            Some(length) => InResponse::Accepted(&answer[..length]),
+            None => InResponse::Rejected,
+        })
+    }
+}
+
+/// The endpoints, looked at once.
+struct Endpoints<'a, 'b, O, I> {
+    context: &'a mut Context<'b>,
+    bulk_out: &'a mut O,
+    bulk_in: &'a mut I,
+    interrupt_in: &'a mut I,
+}
+
+/// Polls once: what is dropped then has done nothing, and goes on the next time.
+fn once<T>(context: &mut Context<'_>, future: impl Future<Output = T>) -> Option<T> {
+    match pin!(future).poll(context) {
+        Poll::Ready(value) => Some(value),
+        Poll::Pending => None,
+    }
+}
+
+impl<O: EndpointOut, I: EndpointIn> Wire for Endpoints<'_, '_, O, I> {
+    fn receive(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
+        once(self.context, self.bulk_out.read(packet))?.ok()
+    }
+
+    fn halt(&mut self) {
+        otg::halt_out(index(INSTRUMENT.bulk_out));
+    }
+
+    fn send(&mut self, packet: &[u8]) -> bool {
+        once(self.context, self.bulk_in.write(packet)).is_some_and(|sent| sent.is_ok())
+    }
+
+    fn is_fetched(&mut self) -> bool {
+        otg::is_empty(index(INSTRUMENT.bulk_in))
+    }
+
+    fn recall(&mut self) -> bool {
+        otg::recall(index(INSTRUMENT.bulk_in))
+    }
+
+    fn notify(&mut self, notice: &[u8; 2]) -> bool {
+        once(self.context, self.interrupt_in.write(notice)).is_some_and(|sent| sent.is_ok())
+    }
+
+    fn is_notice_fetched(&mut self) -> bool {
+        otg::is_empty(index(INSTRUMENT.interrupt_in))
+    }
+}
+
+/// Goes on whenever an endpoint or the controller has done something, for ever.
+pub async fn serve<O: EndpointOut, I: EndpointIn>(
+    shared: &Shared,
+    mut bulk_out: O,
+    mut bulk_in: I,
+    mut interrupt_in: I,
+) -> ! {
+    poll_fn(|context| {
+        shared.woken.register(context.waker());
+        // the interrupt that tells of a fetched packet wakes who waits here
+        let _ = once(context, bulk_in.wait_enabled());
+        let _ = once(context, interrupt_in.wait_enabled());
+        let (bulk_out, bulk_in, interrupt_in) = (&mut bulk_out, &mut bulk_in, &mut interrupt_in);
+        let mut endpoints = Endpoints { context, bulk_out, bulk_in, interrupt_in };
+        if shared.interface.borrow_mut().pump(&mut endpoints) {
+            ARRIVED.signal(());
+        }
+        Poll::Pending
+    })
+    .await
+}
+
+/// The controller's side.
+pub struct Socket(pub &'static Shared);
+
+impl Port for Socket {
+    fn event(&mut self) -> Option<PortEvent> {
+        if self.0.closed.take() { Some(PortEvent::Closed) } else { self.0.opened.take().then_some(PortEvent::Opened) }
+    }
+
+    fn received(&mut self) -> &[u8] {
+        &[]
+    }
+
+    fn consume(&mut self, _: usize) {}
+
+    fn room(&self) -> usize {
+        0
+    }
+
+    fn send(&mut self, _: &[u8]) {}
+
+    fn bus(&mut self) -> Option<&mut dyn BusPort> {
+        Some(self)
+    }
+}
+
+impl BusPort for Socket {
+    fn turn(&mut self, link: &mut Attached<'_, Session>) -> bool {
+        let any = self.0.interface.borrow_mut().turn(link);
+        if any {
+            self.0.woken.wake();
+        }
+        any
+    }
+}
