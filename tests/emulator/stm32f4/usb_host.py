@@ -331,8 +331,8 @@ class UsbHost:
 
     # Enumeration.
 
-    def descriptor(self, kind, index=0, language=0, length=255):
-        return self.control_in(STANDARD | DEVICE, GET_DESCRIPTOR, kind << 8 | index, language, length)
+    def descriptor(self, kind, index=0, language=0, length=255, timeout_us=1_000_000):
+        return self.control_in(STANDARD | DEVICE, GET_DESCRIPTOR, kind << 8 | index, language, length, timeout_us)
 
     def string(self, index):
         """A string descriptor as text."""
