@@ -179,6 +179,7 @@ class OtgFs(Peripheral):
         for ep in (self.ins[0], self.outs[0]):
             # both directions begin anew: DATA1 comes next, nothing stands in the way but NAK
             ep.control = ep.control & ~_STALL | _NAKSTS | _DPID
+        self.outs[0].size -= (1 if self.outs[0].size >> 29 & 3 else 0) << 29  # STUPCNT
         self._end_setup()
         assert self._rx_room() >= 4, "no room for a SETUP packet in the receive FIFO: GRXFSIZ is too small"
         self._push(_SETUP_DATA, 0, data)
