@@ -47,13 +47,13 @@ class CdcPort:
     def write(self, text, timeout_us=1_000_000):
         self.host.bulk_out(self.output, text.encode() if isinstance(text, str) else text, timeout_us)
 
-    def read_line(self, timeout_us=1_000_000):
+    def read_line(self, timeout_us=300_000):
         self.board.run_until(lambda: b"\n" in self.came, timeout_us, f"a line over USB, got {bytes(self.came)!r}")
         line, _, rest = bytes(self.came).partition(b"\n")
         self.came[:] = rest
         return line.rstrip(b"\r").decode("ascii", "replace")
 
-    def ask(self, text, timeout_us=1_000_000):
+    def ask(self, text, timeout_us=300_000):
         """Sends a line, answers the line that comes back."""
         self.write(text + "\n")
         return self.read_line(timeout_us)

@@ -327,7 +327,8 @@ class OtgFs(Peripheral):
             which = value >> 6 & 31
             for ep in self.ins:
                 if which in (ep.number, 16):
-                    if ep.fifo and ep.control & _EPENA and not ep.control & _NAKSTS:
+                    quiet = ep.control & _NAKSTS or self.status & _USBRST  # no token comes
+                    if ep.fifo and ep.control & _EPENA and not quiet:
                         self.board.bus.warn(f"OTG_FS: FIFO {ep.number} was flushed while its endpoint transmits from it")
                     ep.fifo.clear()
         self._changed()
