@@ -36,9 +36,11 @@ def header(message, tag, size, attributes=0, term=0):
 
 class Usbtmc:
     """One instrument. While it is open it listens to the interrupt endpoint: `requests` are the status bytes of the service
-    requests that have come."""
+    requests that have come. `zlp`: a transfer of whole packets is ended by an empty one (USB 2.0, 5.8.3), which not every
+    driver of a PC does."""
 
-    def __init__(self, host):
+    def __init__(self, host, zlp=True):
+        self.zlp = zlp
         self.host, self.board = host, host.board
         found = [(number, ends) for number, (*codes, ends) in host.interfaces().items() if tuple(codes) == CODES]
         assert found, f"the device has no interface of class USB488: {host.interfaces()}"
@@ -78,7 +80,7 @@ class Usbtmc:
     def send(self, transfer, timeout_us=1_000_000):
         """A whole transfer as it is, filled up to a multiple of four bytes."""
         transfer += bytes(-len(transfer) % 4)
-        self.host.bulk_out(self.output, transfer, timeout_us, zlp=True)
+        self.host.bulk_out(self.output, transfer, timeout_us, self.zlp)
 
     def request(self, size=1 << 20, term=None):
         """Says that it is going to read; answers the tag."""
