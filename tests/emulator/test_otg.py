@@ -149,7 +149,9 @@ def test_fifos_lie_beside_each_other_in_their_ram(otg, receive_words, at, words,
         otg.write(DIEPCTL1, USBAEP | BULK | 1 << 22 | 64)
 
 
-def test_there_is_no_endpoint_4(otg):
+def test_there_is_no_endpoint_4(host, otg):
+    with pytest.raises(NoAnswer):
+        host.bulk_in(0x84, 64)
     for offset in (0x980, 0xB80):
         with pytest.raises(AssertionError, match="endpoint 4"):
             otg.read(offset)
