@@ -218,6 +218,21 @@ def test_a_flood_is_held_back_and_loses_nothing(host):
     assert host.retransmitted == 0
 
 
+def test_what_is_sent_while_flash_is_written_waits_at_the_pc(board, host, port):
+    # a hundred words and more: a tenth of a second
+    board.flash.program_us = 1000
+    port.write("*SAV\n")
+    board.run(3000)
+    sent = host.start_out(port.output, "".join(f"*ESE {n};*ESE?\n" for n in range(200)).encode())
+    board.run(30_000)
+    stuck = len(sent.packets)
+    board.run(20_000)
+    assert not sent.done and len(sent.packets) == stuck, "the processor stands: the device says NAK"
+    board.run_until(lambda: port.came.count(b"\n") == 200, 2_000_000, "all answers")
+    assert [int(line) for line in port.came.split()] == list(range(200))
+    assert last_errors(port) == []
+
+
 def test_a_calibration_goes_over_usb_there_and_back(board, port, host_sim, tmp_path):
     block = calibrate(host_sim, "paper", tmp_path / "paper.cal")
     assert len(block) > 2 * PACKET
