@@ -129,7 +129,8 @@ impl Send {
         if self.flight.is_some() || self.ending {
             return false;
         }
-        if self.transfer.is_none() && !self.begin(instrument) {
+        let begins = self.transfer.is_none();
+        if begins && !self.begin(instrument) {
             return false;
         }
         let Some(Transfer { left, .. }) = self.transfer else { return false };
@@ -140,7 +141,8 @@ impl Send {
             // what was announced is not there any more
             transfer.left = self.waiting;
         }
-        filled
+        // who begins with what is here already fetches nothing, and has a packet all the same
+        begins || filled
     }
 
     /// Announces a transfer; false when there is nothing to send.

@@ -58,3 +58,34 @@ pub fn recall(n: usize) -> bool {
         false
     })
 }
+
+/// Disables an IN endpoint whose packet nobody will fetch: the bus was reset, or the endpoint is set up anew. Its FIFO is
+/// flushed by who sets it up.
+pub fn take_back(n: usize) {
+    critical_section::with(|_| {
+        let control = USB_OTG_FS.diepctl(n);
+        if control.read().epena() {
+            control.modify(|w| {
+                w.set_snak(true);
+                w.set_epdis(true);
+            });
+        }
+    });
+}
+
+/// Deactivates an OUT endpoint: it no longer hears tokens (RM0090, 34.17.5, endpoint deactivation).
+pub fn deactivate_out(n: usize) {
+    critical_section::with(|_| {
+        USB_OTG_FS.doepctl(n).modify(|w| {
+            w.set_snak(true);
+            w.set_usbaep(false);
+        });
+    });
+}
+
+/// The host has given the control transfer up: another SETUP packet has come (the core counts down from the three that
+/// the driver allows), or the bus was reset, or nothing moves on it any more.
+pub fn is_given_up() -> bool {
+    let (bus, setups) = (USB_OTG_FS.gintsts().read(), USB_OTG_FS.doeptsiz(0).read().rxdpid_stupcnt());
+    bus.usbrst() || bus.usbsusp() || setups != 3
+}
