@@ -230,6 +230,7 @@ def test_what_is_sent_while_flash_is_written_waits_at_the_pc(board, host, port):
     assert not sent.done and len(sent.packets) == stuck, "the processor stands: the device says NAK"
     board.run_until(lambda: port.came.count(b"\n") == 200, 2_000_000, "all answers")
     assert [int(line) for line in port.came.split()] == list(range(200))
+    port.came.clear()
     assert last_errors(port) == []
 
 
