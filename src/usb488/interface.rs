@@ -199,7 +199,7 @@ impl Interface {
         let (bytes, end) = self.receive.waiting();
         let taken = instrument.write(bytes, end);
         self.receive.consume(taken);
-        taken > 0
+        taken > 0 || self.send.recalls()
     }
 
     // Requests.

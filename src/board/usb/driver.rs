@@ -4,7 +4,6 @@
 //!   this device announces one.
 //! - CLEAR_FEATURE(ENDPOINT_HALT) begins with DATA0 again (USB 2.0, 9.4.5); the driver leaves the toggle as it is, and
 //!   the host's next packet would be taken for one that was sent twice. So does SET_CONFIGURATION (9.1.1.5).
-//! - A bus reset leaves a packet to the host enabled, and the endpoint would never transmit again: it is taken back.
 //! - A SETUP packet ends the control transfer before it (USB 2.0, 8.5.3), as a reset and a host that is gone do; the
 //!   driver would wait for its end for ever.
 //!
@@ -79,22 +78,16 @@ impl<B: Bus> Bus for Guarded<B> {
     }
 
     async fn poll(&mut self) -> Event {
-        let event = self.inner.poll().await;
-        if event == Event::Reset {
-            (1..otg::ENDPOINTS).for_each(otg::take_back);
-        }
-        event
+        self.inner.poll().await
     }
 
     fn endpoint_set_enabled(&mut self, endpoint: EndpointAddress, enabled: bool) {
         if !exists(endpoint) {
             return;
         }
-        match (endpoint.is_in(), enabled) {
-            (true, _) => otg::take_back(endpoint.index()),
+        if !enabled && endpoint.is_out() {
             // the driver would disable it first, which takes more than that (RM0090, 34.17.6)
-            (false, false) => return otg::deactivate_out(endpoint.index()),
-            (false, true) => {}
+            return otg::deactivate_out(endpoint.index());
         }
         self.inner.endpoint_set_enabled(endpoint, enabled);
         otg::begin_with_data0(endpoint);

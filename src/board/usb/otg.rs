@@ -59,20 +59,6 @@ pub fn recall(n: usize) -> bool {
     })
 }
 
-/// Disables an IN endpoint whose packet nobody will fetch: the bus was reset, or the endpoint is set up anew. Its FIFO is
-/// flushed by who sets it up.
-pub fn take_back(n: usize) {
-    critical_section::with(|_| {
-        let control = USB_OTG_FS.diepctl(n);
-        if control.read().epena() {
-            control.modify(|w| {
-                w.set_snak(true);
-                w.set_epdis(true);
-            });
-        }
-    });
-}
-
 /// Deactivates an OUT endpoint: it no longer hears tokens (RM0090, 34.17.5, endpoint deactivation).
 pub fn deactivate_out(n: usize) {
     critical_section::with(|_| {

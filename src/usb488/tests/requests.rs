@@ -47,7 +47,7 @@ fn bulk_in_can_be_aborted_at_every_packet_and_a_later_read_goes_on() {
             usb.write(format!("send {size}").as_bytes()).unwrap();
             let tag = usb.ask_for(1000, None).unwrap();
             let before: Vec<u8> = (0..fetched).map_while(|_| usb.peek()).flatten().collect();
-            let before = &before.get(12..).unwrap_or(&[])[..];
+            let before = before.get(12..).unwrap_or(&[]);
             let before = &before[..before.len().min(size)];
             if before.len() == size {
                 continue;
