@@ -65,7 +65,7 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// As after a reset of the bus, and after the device has been configured.
+    /// As after a reset of the bus, and after the device has been configured: what bulk OUT has from before is read away.
     pub const fn new() -> Self {
         Interface {
             receive: Receive::new(),
@@ -75,7 +75,7 @@ impl Interface {
             panels: Panels(0),
             clear: false,
             abandon: false,
-            drain: false,
+            drain: true,
             halted: false,
         }
     }

@@ -66,10 +66,7 @@ impl Handler for Requests {
     }
 
     fn configured(&mut self, configured: bool) {
-        // what stood at the endpoints when the cable came out would stand there for ever
-        (1..otg::ENDPOINTS).for_each(|n| {
-            otg::recall(n);
-        });
+        otg::begin();
         self.0.begin(configured);
     }
 

@@ -299,3 +299,21 @@ fn remote_and_local_reach_the_instrument_in_turn() {
     usb.settle();
     assert_eq!(usb.bench.panels, [Panel::Enable, Panel::LockOut, Panel::Local, Panel::Disable]);
 }
+
+#[test]
+fn a_packet_from_before_a_reset_is_not_taken_for_a_header() {
+    let message = message_out(9, &[b'x'; 300], true);
+    let mut usb = usb();
+    usb.bench.work = 1000;
+    usb.put(&message[..64]).unwrap();
+    usb.put(&message[64..128]).unwrap();
+    usb.settle();
+    let waits = usb.wire.out.take();
+    assert!(waits.is_some());
+    usb.reset();
+    usb.wire.out = waits;
+    usb.bench.work = 0;
+    usb.settle();
+    assert!(usb.wire.out.is_none());
+    assert_eq!(usb.query("again?").as_deref(), Ok("again?"));
+}
