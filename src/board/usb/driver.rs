@@ -3,7 +3,7 @@
 //! - It panics when it is told of an endpoint that the hardware does not have. Any host may name one in a request, and
 //!   this device announces one.
 //! - CLEAR_FEATURE(ENDPOINT_HALT) begins with DATA0 again (USB 2.0, 9.4.5); the driver leaves the toggle as it is, and
-//!   the host's next packet would be taken for one that was sent twice. So does SET_CONFIGURATION (9.1.1.5).
+//!   the host's next packet would be taken for one that was sent twice.
 //! - A SETUP packet ends the control transfer before it (USB 2.0, 8.5.3), as a reset and a host that is gone do; the
 //!   driver would wait for its end for ever.
 //!
@@ -90,7 +90,6 @@ impl<B: Bus> Bus for Guarded<B> {
             return otg::deactivate_out(endpoint.index());
         }
         self.inner.endpoint_set_enabled(endpoint, enabled);
-        otg::begin_with_data0(endpoint);
     }
 
     fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
