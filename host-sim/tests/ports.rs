@@ -216,7 +216,7 @@ impl Bench for Scene<'_> {
         let moves = self.controller.front.operation_pending();
         // what the end of motion brings comes a few turns later
         self.resting = if moves { 0 } else { self.resting + 1 };
-        self.resting % 8 != 0 || moves
+        !self.resting.is_multiple_of(8) || moves
     }
 }
 

@@ -22,18 +22,22 @@ pub struct Plug {
     input: Pipe<CriticalSectionRawMutex, ROOM>,
     output: Pipe<CriticalSectionRawMutex, ROOM>,
     events: AtomicU8,
+    closed: Signal<CriticalSectionRawMutex, ()>,
 }
 
 impl Plug {
     /// Nothing in it.
     pub const fn new() -> Self {
-        Plug { input: Pipe::new(), output: Pipe::new(), events: AtomicU8::new(0) }
+        Plug { input: Pipe::new(), output: Pipe::new(), events: AtomicU8::new(0), closed: Signal::new() }
     }
 
     /// The driver tells of an event.
     pub fn ring(&self, event: PortEvent) {
         let bit = EVENTS.iter().position(|e| *e == event).map_or(0, |n| 1 << n);
         self.events.fetch_or(bit, Ordering::Relaxed);
+        if event == PortEvent::Closed {
+            self.closed.signal(());
+        }
         ARRIVED.signal(());
     }
 
@@ -49,10 +53,21 @@ impl Plug {
 
     /// The driver fetches what is to be sent; waits until there is something.
     pub async fn fetch(&self, bytes: &mut [u8]) -> usize {
-        let count = self.output.read(bytes).await;
-        // there is room again
-        ARRIVED.signal(());
-        count
+        loop {
+            let count = self.output.read(bytes).await;
+            // there is room again
+            ARRIVED.signal(());
+            self.closed.reset();
+            // answers to one who has left, as long as the controller has not heard of that
+            if self.events.load(Ordering::Relaxed) & 1 == 0 {
+                return count;
+            }
+        }
+    }
+
+    /// Waits until the port is closed: what was fetched last is for nobody then.
+    pub async fn until_closed(&self) {
+        self.closed.wait().await;
     }
 }
 
@@ -75,11 +90,11 @@ impl Port for Socket {
     fn event(&mut self) -> Option<PortEvent> {
         let first = self.plug.events.load(Ordering::Relaxed).trailing_zeros();
         let event = EVENTS.get(first as usize)?;
-        self.plug.events.fetch_and(!(1 << first), Ordering::Relaxed);
         if *event == PortEvent::Closed {
             // the answers of the one who left are nobody else's
             self.plug.output.clear();
         }
+        self.plug.events.fetch_and(!(1 << first), Ordering::Relaxed);
         Some(*event)
     }
 

@@ -65,7 +65,7 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// As after a reset of the bus, and after the device has been configured.
+    /// As after a reset of the bus, and after the device has been configured: what bulk OUT has from before is read away.
     pub const fn new() -> Self {
         Interface {
             receive: Receive::new(),
@@ -75,7 +75,7 @@ impl Interface {
             panels: Panels(0),
             clear: false,
             abandon: false,
-            drain: false,
+            drain: true,
             halted: false,
         }
     }
@@ -85,10 +85,6 @@ impl Interface {
     /// Goes on with the endpoints. True when something has come or gone that the instrument's side looks after.
     pub fn pump(&mut self, wire: &mut impl Wire) -> bool {
         let mut any = false;
-        if self.send.recalls() {
-            self.send.recalled(wire.recall());
-            any = true;
-        }
         // before what comes: a host that has fetched all of an answer goes on
         if self.send.is_in_flight() && wire.is_fetched() {
             self.send.fetched();
@@ -108,8 +104,11 @@ impl Interface {
             }
             any = true;
         }
-        if !self.send.recalls()
-            && let Some(packet) = self.send.packet()
+        if self.send.recalls() {
+            self.send.recalled(wire.recall());
+            any = true;
+        }
+        if let Some(packet) = self.send.packet()
             && wire.send(packet)
         {
             self.send.handed();
@@ -199,7 +198,7 @@ impl Interface {
         let (bytes, end) = self.receive.waiting();
         let taken = instrument.write(bytes, end);
         self.receive.consume(taken);
-        taken > 0
+        taken > 0 || self.send.recalls()
     }
 
     // Requests.

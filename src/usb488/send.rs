@@ -129,9 +129,7 @@ impl Send {
         if self.flight.is_some() || self.ending {
             return false;
         }
-        if self.transfer.is_none() && !self.begin(instrument) {
-            return false;
-        }
+        let begun = self.transfer.is_none() && self.begin(instrument);
         let Some(Transfer { left, .. }) = self.transfer else { return false };
         let filled = self.fill(left, instrument);
         if self.waiting < left.min(PACKET)
@@ -140,7 +138,7 @@ impl Send {
             // what was announced is not there any more
             transfer.left = self.waiting;
         }
-        filled
+        begun | filled
     }
 
     /// Announces a transfer; false when there is nothing to send.

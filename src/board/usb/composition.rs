@@ -17,7 +17,7 @@ pub const INSTRUMENT: descriptor::Endpoints =
     descriptor::Endpoints { bulk_out: 0x02, bulk_in: 0x82, interrupt_in: 0x83 };
 /// Where the serial port has its own, each way.
 const SERIAL_OUT: u8 = 0x01;
-const SERIAL_IN: u8 = 0x81;
+pub const SERIAL_IN: u8 = 0x81;
 /// The serial port's notifications, where there is no endpoint.
 const NOWHERE: u8 = 0x84;
 

@@ -66,6 +66,7 @@ impl Handler for Requests {
     }
 
     fn configured(&mut self, configured: bool) {
+        otg::begin();
         self.0.begin(configured);
     }
 

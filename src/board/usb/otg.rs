@@ -1,7 +1,7 @@
 //! What the HAL's driver of OTG_FS cannot do: halt an endpoint, take a packet back, begin with DATA0 (RM0090, 34.17).
 
 use embassy_stm32::pac::USB_OTG_FS;
-use embassy_usb::driver::EndpointAddress;
+use embassy_usb::driver::{Direction, EndpointAddress};
 
 /// Endpoints each way, with endpoint 0 (RM0090, 34.1).
 pub const ENDPOINTS: usize = 4;
@@ -16,6 +16,17 @@ pub fn begin_with_data0(endpoint: EndpointAddress) {
         (_, true) => USB_OTG_FS.diepctl(n).modify(|w| w.set_sd0pid_sevnfrm(true)),
         (_, false) => USB_OTG_FS.doepctl(n).modify(|w| w.set_sd0pid_sevnfrm(true)),
     });
+}
+
+/// A new configuration: nothing of what was stands at the IN endpoints, where it would stand for ever, and all begin with
+/// DATA0 (USB 2.0, 9.1.1.5).
+pub fn begin() {
+    for n in 1..ENDPOINTS {
+        recall(n);
+        for direction in [Direction::In, Direction::Out] {
+            begin_with_data0(EndpointAddress::from_parts(n, direction));
+        }
+    }
 }
 
 /// Bulk OUT answers with STALL from now on.
@@ -57,4 +68,21 @@ pub fn recall(n: usize) -> bool {
         until(&|| !usb.grstctl().read().txfflsh());
         false
     })
+}
+
+/// Deactivates an OUT endpoint: it no longer hears tokens (RM0090, 34.17.5, endpoint deactivation).
+pub fn deactivate_out(n: usize) {
+    critical_section::with(|_| {
+        USB_OTG_FS.doepctl(n).modify(|w| {
+            w.set_snak(true);
+            w.set_usbaep(false);
+        });
+    });
+}
+
+/// The host has given the control transfer up: another SETUP packet has come (the core counts down from the three that
+/// the driver allows), or the bus was reset, or nothing moves on it any more.
+pub fn is_given_up() -> bool {
+    let (bus, setups) = (USB_OTG_FS.gintsts().read(), USB_OTG_FS.doeptsiz(0).read().rxdpid_stupcnt());
+    bus.usbrst() || bus.usbsusp() || setups != 3
 }

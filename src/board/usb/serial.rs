@@ -1,7 +1,9 @@
 //! The serial port on USB (CDC 1.2, PSTN 1.2: abstract control model).
 
-use super::composition::SERIAL_INTERFACE;
+use super::composition::{SERIAL_IN, SERIAL_INTERFACE};
+use super::otg;
 use crate::board::port::Plug;
+use embassy_futures::select::{Either, select};
 use embassy_usb::Handler;
 use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
 use embassy_usb::driver::{EndpointError, EndpointIn, EndpointOut};
@@ -31,7 +33,13 @@ impl Lines {
     /// A terminal that sets DTR is there; one that clears it, or an unplugged cable, is not.
     fn set_ready(&mut self, ready: bool) {
         if core::mem::replace(&mut self.ready, ready) != ready {
-            self.plug.ring(if ready { PortEvent::Opened } else { PortEvent::Closed });
+            // what came before it was opened is of one who has left
+            self.plug.ring(PortEvent::Closed);
+            if ready {
+                self.plug.ring(PortEvent::Opened);
+            } else {
+                otg::recall((SERIAL_IN & 0xf).into());
+            }
         }
     }
 }
@@ -89,10 +97,12 @@ pub async fn send(mut endpoint: impl EndpointIn, plug: &Plug) {
                 // a full packet is followed by an empty one, or the PC waits for more
                 if count == PACKET { endpoint.write(&[]).await } else { Ok(()) }
             };
-            match sent.await {
-                Ok(()) => {}
-                Err(EndpointError::Disabled) => break,
-                Err(EndpointError::BufferOverflow) => defmt::warn!("a packet of {} bytes is too long", count),
+            match select(plug.until_closed(), sent).await {
+                Either::First(()) | Either::Second(Ok(())) => {}
+                Either::Second(Err(EndpointError::Disabled)) => break,
+                Either::Second(Err(EndpointError::BufferOverflow)) => {
+                    defmt::warn!("a packet of {} bytes is too long", count)
+                }
             }
         }
     }

@@ -47,7 +47,7 @@ fn bulk_in_can_be_aborted_at_every_packet_and_a_later_read_goes_on() {
             usb.write(format!("send {size}").as_bytes()).unwrap();
             let tag = usb.ask_for(1000, None).unwrap();
             let before: Vec<u8> = (0..fetched).map_while(|_| usb.peek()).flatten().collect();
-            let before = &before.get(12..).unwrap_or(&[])[..];
+            let before = before.get(12..).unwrap_or(&[]);
             let before = &before[..before.len().min(size)];
             if before.len() == size {
                 continue;
@@ -298,4 +298,22 @@ fn remote_and_local_reach_the_instrument_in_turn() {
     assert_eq!(usb.of_interface(request::GO_TO_LOCAL, 0), [status::FAILED], "the instrument had no turn");
     usb.settle();
     assert_eq!(usb.bench.panels, [Panel::Enable, Panel::LockOut, Panel::Local, Panel::Disable]);
+}
+
+#[test]
+fn a_packet_from_before_a_reset_is_not_taken_for_a_header() {
+    let message = message_out(9, &[b'x'; 300], true);
+    let mut usb = usb();
+    usb.bench.work = 1000;
+    usb.put(&message[..64]).unwrap();
+    usb.put(&message[64..128]).unwrap();
+    usb.settle();
+    let waits = usb.wire.out.take();
+    assert!(waits.is_some());
+    usb.reset();
+    usb.wire.out = waits;
+    usb.bench.work = 0;
+    usb.settle();
+    assert!(usb.wire.out.is_none());
+    assert_eq!(usb.query("again?").as_deref(), Ok("again?"));
 }

@@ -89,24 +89,27 @@ pub struct Usb<B> {
     pub chunk: usize,
     /// What a read asks for.
     pub size: u32,
+    /// Something has come, gone, or changed, that wakes who serves the endpoints. Nothing else does.
+    woken: bool,
 }
 
 impl<B: Bench> Usb<B> {
     pub fn new(bench: B) -> Self {
         let (interface, wire) = (Interface::new(), Endpoints::default());
-        Usb { interface, wire, bench, tag: 0, status_tag: 1, chunk: 1000, size: 4096 }
+        Usb { interface, wire, bench, tag: 0, status_tag: 1, chunk: 1000, size: 4096, woken: true }
     }
 
     /// Reset of the bus, or another configuration; the caller closes the link of the instrument.
     pub fn reset(&mut self) {
-        (self.interface, self.wire) = (Interface::new(), Endpoints::default());
+        (self.interface, self.wire, self.woken) = (Interface::new(), Endpoints::default(), true);
     }
 
     /// Until nothing goes on any more.
     pub fn settle(&mut self) {
         for _ in 0..10_000 {
-            let pumped = self.interface.pump(&mut self.wire);
-            if !(self.bench.turn(&mut self.interface) | pumped) {
+            let pumped = std::mem::take(&mut self.woken) && self.interface.pump(&mut self.wire);
+            self.woken = self.bench.turn(&mut self.interface);
+            if !(self.woken || pumped) {
                 return;
             }
         }
@@ -125,6 +128,7 @@ impl<B: Bench> Usb<B> {
             }
             if self.wire.out.is_none() {
                 self.wire.out = Some(packet.to_vec());
+                self.woken = true;
                 return Ok(());
             }
             if !self.bench.pass() {
@@ -138,6 +142,7 @@ impl<B: Bench> Usb<B> {
     pub fn peek(&mut self) -> Option<Vec<u8>> {
         self.settle();
         let packet = self.wire.bulk_in.take();
+        self.woken |= packet.is_some();
         self.settle();
         packet
     }
@@ -159,6 +164,7 @@ impl<B: Bench> Usb<B> {
     pub fn notice(&mut self) -> Option<[u8; 2]> {
         self.settle();
         let notice = self.wire.notice.take();
+        self.woken |= notice.is_some();
         self.settle();
         notice
     }
@@ -167,6 +173,7 @@ impl<B: Bench> Usb<B> {
 
     /// A request of the class; none: STALL.
     pub fn control(&mut self, kind: u8, request: u8, value: u16, index: u16) -> Option<Vec<u8>> {
+        self.woken = true;
         let mut answer: Answer = [0xaa; 24];
         let length = self.interface.control(Setup { kind, request, value, index }, &mut answer)?;
         Some(answer[..length].to_vec())
@@ -183,6 +190,7 @@ impl<B: Bench> Usb<B> {
     /// CLEAR_FEATURE(ENDPOINT_HALT) of bulk OUT.
     pub fn clear_halt(&mut self) {
         self.wire.halted = false;
+        self.woken = true;
         self.interface.halt_cleared();
     }
 
