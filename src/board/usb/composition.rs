@@ -8,10 +8,10 @@ use stage_usb488::{PACKET, descriptor};
 /// Bytes of the configuration descriptor.
 pub const SIZE: usize = 108;
 
+/// Number of the instrument's interface: the first, for it is the one from which pyvisa-py detaches the driver of Linux.
+pub const INSTRUMENT_INTERFACE: u16 = 0;
 /// Number of the serial port's first interface; its data are on the next.
-pub const SERIAL_INTERFACE: u16 = 0;
-/// Number of the instrument's interface.
-pub const INSTRUMENT_INTERFACE: u16 = 2;
+pub const SERIAL_INTERFACE: u16 = 1;
 /// Where the instrument has its endpoints.
 pub const INSTRUMENT: descriptor::Endpoints =
     descriptor::Endpoints { bulk_out: 0x02, bulk_in: 0x82, interrupt_in: 0x83 };
@@ -52,6 +52,18 @@ pub fn announce<'d, D: Driver<'d>>(builder: &mut Builder<'d, D>) -> Announced<D:
     let at = |address: u8| Some(EndpointAddress::from(address));
     let size = PACKET as u16;
 
+    let mut function = builder.function(descriptor::CLASS, descriptor::SUBCLASS, descriptor::PROTOCOL);
+    let mut interface = function.interface();
+    let mut instrument = interface.alt_setting(descriptor::CLASS, descriptor::SUBCLASS, descriptor::PROTOCOL, None);
+    let bulk_out = instrument.endpoint_bulk_out(at(INSTRUMENT.bulk_out), size);
+    let bulk_in = instrument.endpoint_bulk_in(at(INSTRUMENT.bulk_in), size);
+    let interrupt_in = instrument.endpoint_interrupt_in(
+        at(INSTRUMENT.interrupt_in),
+        descriptor::NOTIFICATION,
+        descriptor::INTERVAL_MS,
+    );
+    drop(function);
+
     let mut function = builder.function(CDC, ACM, 0);
     let mut interface = function.interface();
     let mut serial = interface.alt_setting(CDC, ACM, 0, None);
@@ -65,17 +77,5 @@ pub fn announce<'d, D: Driver<'d>>(builder: &mut Builder<'d, D>) -> Announced<D:
     let mut data = interface.alt_setting(CDC_DATA, 0, 0, None);
     let serial_out = data.endpoint_bulk_out(at(SERIAL_OUT), size);
     let serial_in = data.endpoint_bulk_in(at(SERIAL_IN), size);
-    drop(function);
-
-    let mut function = builder.function(descriptor::CLASS, descriptor::SUBCLASS, descriptor::PROTOCOL);
-    let mut interface = function.interface();
-    let mut instrument = interface.alt_setting(descriptor::CLASS, descriptor::SUBCLASS, descriptor::PROTOCOL, None);
-    let bulk_out = instrument.endpoint_bulk_out(at(INSTRUMENT.bulk_out), size);
-    let bulk_in = instrument.endpoint_bulk_in(at(INSTRUMENT.bulk_in), size);
-    let interrupt_in = instrument.endpoint_interrupt_in(
-        at(INSTRUMENT.interrupt_in),
-        descriptor::NOTIFICATION,
-        descriptor::INTERVAL_MS,
-    );
     Announced { serial_out, serial_in, bulk_out, bulk_in, interrupt_in }
 }
