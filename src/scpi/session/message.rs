@@ -3,20 +3,16 @@
 use super::{Instrument, Session};
 use crate::error::{Error, ErrorNumber};
 use crate::scpi::exchange::Device;
-use crate::scpi::parser::{self, Path};
-use crate::scpi::tree::Command;
+use crate::scpi::parser;
 
 impl Session {
     /// As [`Session::poll`], but no message is begun while the answer of the one before it waits for its reader, and
     /// a query behind an indefinite answer is refused (-440). `see` is shown the status byte in front of every unit.
     pub fn poll_message(&mut self, instrument: &mut impl Instrument, mut see: impl FnMut(u8)) -> bool {
+        self.one_answer = true;
         self.advance(instrument, &mut |session| {
             see(session.status_byte());
-            if !session.busy {
-                return !session.has_output();
-            }
-            session.refuse_query_after_indefinite();
-            true
+            session.busy || !session.has_output()
         })
     }
 
@@ -24,23 +20,6 @@ impl Session {
     fn is_at_query(&self) -> bool {
         let unit = parser::next_unit(self.lexer.message(), self.at, &self.path);
         unit.is_some_and(|unit| unit.call.is_ok_and(|call| call.query))
-    }
-
-    /// The answers to *IDN? and *OPT? are text without an end of its own: nothing may follow them in an answer
-    /// (IEEE 488.2, 6.5.7.5). The rest of the message is dropped.
-    fn refuse_query_after_indefinite(&mut self) {
-        if !self.out.is_open() || !self.is_at_query() {
-            return;
-        }
-        let (mut at, mut path) = (0, Path::new());
-        while let Some(unit) = parser::next_unit(self.lexer.message(), at, &path).filter(|_| at < self.at) {
-            let indefinite = |command| matches!(command, Command::Identify | Command::Options);
-            if unit.call.is_ok_and(|call| indefinite(call.command)) {
-                self.status.report(ErrorNumber::QueryAfterIndefinite.into());
-                return self.end_message();
-            }
-            (at, path) = (unit.next, unit.path);
-        }
     }
 }
 

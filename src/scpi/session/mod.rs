@@ -82,6 +82,12 @@ pub struct Session {
     /// Where its next unit begins.
     at: usize,
     path: Path,
+    /// The answers of a message are one answer, which its reader reads whole.
+    #[cfg(feature = "bus")]
+    one_answer: bool,
+    /// This message has asked for text without an end of its own.
+    #[cfg(feature = "bus")]
+    indefinite: bool,
     status: LinkStatus,
     out: Response,
 }
@@ -101,6 +107,10 @@ impl Session {
             busy: false,
             at: 0,
             path: Path::new(),
+            #[cfg(feature = "bus")]
+            one_answer: false,
+            #[cfg(feature = "bus")]
+            indefinite: false,
             status: LinkStatus::new(),
             out: Response::new(),
         }
@@ -150,6 +160,10 @@ impl Session {
                 self.busy = true;
                 self.at = 0;
                 self.path = Path::new();
+                #[cfg(feature = "bus")]
+                {
+                    self.indefinite = false;
+                }
             }
             Event::TooLong => {
                 self.status.report(Error::text(ErrorNumber::InputBufferOverrun, "message longer than 512 bytes"));
@@ -246,6 +260,20 @@ impl Session {
             self.end_message();
             return Step::Other;
         };
+        #[cfg(feature = "bus")]
+        if self.one_answer
+            && let Ok(call) = &unit.call
+            && call.query
+        {
+            // The answers to *IDN? and *OPT? are text without an end of its own: nothing may follow them in an answer
+            // (IEEE 488.2, 6.5.7.5). The rest of the message is dropped.
+            if self.indefinite {
+                status.report(ErrorNumber::QueryAfterIndefinite.into());
+                self.end_message();
+                return Step::Other;
+            }
+            self.indefinite = matches!(call.command, Command::Identify | Command::Options);
+        }
         let done = if unit.call.is_ok_and(|call| !call.query) { Step::Command } else { Step::Other };
         out.begin();
         let result = unit.call.and_then(|call| {
