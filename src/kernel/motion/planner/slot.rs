@@ -141,6 +141,12 @@ impl Slot {
         if self.flight.is_some() { Some(self.next()) } else { self.active() }
     }
 
+    /// Something runs, or is on its way.
+    #[inline(always)]
+    pub const fn is_taken(&self) -> bool {
+        self.flight.is_some() || self.runs
+    }
+
     /// What runs and what is on its way.
     pub fn each_mut(&mut self) -> impl Iterator<Item = &mut Active> {
         let (runs, flies) = (self.runs, self.flight.is_some());
