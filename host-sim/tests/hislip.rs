@@ -3,12 +3,17 @@
 mod lab;
 
 use host_sim::board::Seeded;
-use host_sim::gpib::Bus;
+use host_sim::control::Hand;
+use host_sim::gpib::{Bus, Instrument, Ports};
 use host_sim::hislip::{Channel, Fatal, Frame, Frames, Kind, Link, Locks, Over};
+use host_sim::server::{OnHislip, Served};
 use lab::Bench3;
+use mio::Poll;
 use stage_controller::scpi::exchange::Exchange;
 use stage_controller::scpi::session::Session;
 use std::collections::BTreeMap;
+use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::time::Duration;
 
 const SEQUENCES: usize = 100_000;
@@ -207,7 +212,12 @@ fn no_client_wedges_a_link() {
                 9..=10 => link.send(Kind::Data, control, piece),
                 11 => link.send(Kind::Trigger, control, b""),
                 12 => link.aside(Kind::AsyncStatusQuery, control, 0, b""),
-                13 => link.clear(control),
+                13 => {
+                    link.turn();
+                    if link.over.is_none() {
+                        link.clear(control);
+                    }
+                }
                 14 => link.aside(Kind::AsyncLock, control, 50, if random.below(2) == 0 { b"" } else { b"name" }),
                 15 => link.send(Kind::Initialize, 0, b"hislip0"),
                 16 => {
@@ -258,6 +268,15 @@ fn no_client_wedges_a_link() {
         let mark = random.below(256);
         let told = link.ask(&format!("*ESE {mark};*ESE?"), READ);
         assert_eq!(told, format!("{mark}\n"), "sequence {sequence} at {}", link.at);
+        // no stop of this sequence is left behind
+        if link.at == 5 && sequence % 16 == 0 {
+            let before = link.ask("AXIS1:POS:COMM?", READ).trim().parse::<f64>().unwrap();
+            link.send(Kind::DataEnd, READ, b"AXIS1:MOVE:REL 0.05");
+            link.rest();
+            let way = link.ask("AXIS1:POS:COMM?", READ).trim().parse::<f64>().unwrap() - before;
+            assert!((way - 0.05).abs() < 0.002, "sequence {sequence}: {way}");
+            count("moves", 1);
+        }
         loop {
             let told = link.ask("SYST:ERR?", READ);
             match told.split(',').next().and_then(|number| number.parse::<i32>().ok()) {
@@ -275,7 +294,7 @@ fn no_client_wedges_a_link() {
     assert!(
         ["answers", "interrupted", "-410", "service requests", "locks", "sent away", "refused"]
             .iter()
-            .all(|kind| seen[kind] > SEQUENCES / 200)
+            .all(|kind| seen[kind] > SEQUENCES / 100)
     );
 }
 
@@ -501,4 +520,150 @@ fn each_message_that_is_not_taken_has_the_error_of_the_standard() {
         link.waiting[channel].extend(raw(Kind::Error as u8));
         assert_eq!(link.told(), [vec![], vec![]], "an error is not answered by an error");
     }
+}
+
+/// One instrument for all, behind sockets: what matters is when the server says that it is at work.
+struct Desk(Bench3);
+
+impl Ports for Desk {
+    fn places(&self) -> usize {
+        1
+    }
+
+    fn open(&mut self, place: usize, _: Duration) -> Option<usize> {
+        (place == 0).then_some(0)
+    }
+
+    fn close(&mut self, _: usize, _: usize) {}
+
+    fn port(&mut self, _: usize, _: usize, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
+        self.0.instrument(5, wall)
+    }
+}
+
+impl Served for Desk {
+    fn turn(&mut self, _: Duration, _: Duration) -> bool {
+        self.0.moves()
+    }
+
+    fn hand(&mut self, _: Hand) {}
+
+    fn is_flat_out(&self) -> bool {
+        true
+    }
+
+    fn status(&self) -> String {
+        String::new()
+    }
+}
+
+/// A HiSLIP server, and the time that it is told.
+struct Host {
+    server: OnHislip<Desk>,
+    wall: Duration,
+    _poll: Poll,
+}
+
+impl Host {
+    fn new() -> Self {
+        let poll = Poll::new().unwrap();
+        let server = OnHislip::new(Desk(Bench3::new()), "127.0.0.1:0".parse().unwrap(), &poll).unwrap();
+        Host { server, wall: Duration::ZERO, _poll: poll }
+    }
+
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(self.server.address().unwrap()).unwrap();
+        stream.set_nodelay(true).unwrap();
+        stream.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+        stream
+    }
+
+    /// Some turns in real time, and none in the server's; it is at work in the last one.
+    fn turns(&mut self) -> bool {
+        (0..10).fold(false, |_, _| {
+            std::thread::sleep(Duration::from_millis(1));
+            self.server.turn(self.wall, Duration::ZERO)
+        })
+    }
+
+    /// What has come: kinds and control codes.
+    fn told(&mut self, stream: &mut TcpStream) -> Vec<(Kind, u8, u32)> {
+        self.turns();
+        let (mut bytes, mut chunk) = (Vec::new(), [0; 4096]);
+        while let Ok(count @ 1..) = stream.read(&mut chunk) {
+            bytes.extend(&chunk[..count]);
+        }
+        let (mut frames, mut at, mut told) = (Frames::default(), 0, Vec::new());
+        while let (taken, Some(frame)) = frames.take(&bytes[at..]).unwrap() {
+            at += taken;
+            told.push((frame.kind.unwrap(), frame.control, frame.parameter));
+        }
+        told
+    }
+
+    fn initialize(&mut self) -> (TcpStream, u32) {
+        let mut stream = self.connect();
+        stream.write_all(&Frame::bytes(Kind::Initialize, 0, 0x0100_7878, b"hislip0")).unwrap();
+        let told = self.told(&mut stream);
+        assert_eq!(told[0].0, Kind::InitializeResponse, "{told:?}");
+        (stream, told[0].2 & 0xffff)
+    }
+
+    fn client(&mut self) -> [TcpStream; 2] {
+        let (synchronous, id) = self.initialize();
+        let mut asynchronous = self.connect();
+        asynchronous.write_all(&Frame::bytes(Kind::AsyncInitialize, 0, id, b"")).unwrap();
+        assert_eq!(self.told(&mut asynchronous)[0].0, Kind::AsyncInitializeResponse);
+        [synchronous, asynchronous]
+    }
+}
+
+#[test]
+fn who_says_nothing_makes_no_work_and_is_sent_away() {
+    let mut host = Host::new();
+    let mut silent = host.connect();
+    let (mut half, _) = host.initialize();
+    let [_sync, mut whole] = host.client();
+    assert!(!host.turns(), "nobody says anything");
+    host.wall = Duration::from_secs(9);
+    assert_eq!((host.told(&mut silent), host.told(&mut half)), (vec![], vec![]));
+    host.wall = Duration::from_secs(11);
+    let away = [(Kind::FatalError, Fatal::BadInitialization as u8, 0)];
+    assert_eq!((&host.told(&mut silent)[..], &host.told(&mut half)[..]), (&away[..], &away[..]));
+    for gone in [&mut silent, &mut half] {
+        assert_eq!(gone.read(&mut [0]).unwrap(), 0, "closed");
+    }
+    // a client that is there may be silent for as long as it likes
+    host.wall = Duration::from_secs(100_000);
+    whole.write_all(&Frame::bytes(Kind::AsyncStatusQuery, 0, 0, b"")).unwrap();
+    assert_eq!(host.told(&mut whole)[0].0, Kind::AsyncStatusResponse);
+}
+
+#[test]
+fn silent_connections_leave_room_for_a_client() {
+    let mut host = Host::new();
+    let _silent: Vec<_> = (0..40).map(|_| host.connect()).collect();
+    host.turns();
+    host.client();
+    // and so do those that have begun and do not go on
+    let _half: Vec<_> = (0..15).map(|_| host.initialize()).collect();
+    host.wall += Duration::from_secs(2);
+    let clients: Vec<_> = (0..10).map(|_| host.client()).collect();
+    assert_eq!(clients.len(), 10);
+}
+
+#[test]
+fn to_wait_for_a_lock_is_no_work() {
+    let mut host = Host::new();
+    let [_sync, mut owner] = host.client();
+    let [mut sync, mut other] = host.client();
+    owner.write_all(&Frame::bytes(Kind::AsyncLock, 1, 0, b"")).unwrap();
+    assert_eq!(host.told(&mut owner), [(Kind::AsyncLockResponse, 1, 0)]);
+    other.write_all(&Frame::bytes(Kind::AsyncLock, 1, 60_000, b"")).unwrap();
+    sync.write_all(&Frame::bytes(Kind::DataEnd, 0, 0xffff_ff00, b"*ESE?")).unwrap();
+    assert!(!host.turns(), "neither the lock nor what is sent without it");
+    assert_eq!(host.told(&mut sync), []);
+    owner.write_all(&Frame::bytes(Kind::AsyncLock, 0, 0xffff_fefe, b"")).unwrap();
+    assert_eq!(host.told(&mut other), [(Kind::AsyncLockResponse, 1, 0)]);
+    assert_eq!(host.told(&mut sync), [(Kind::DataEnd, 0, 0xffff_ff00)]);
 }

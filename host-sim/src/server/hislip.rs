@@ -9,7 +9,6 @@ use crate::gpib::{Panel, Ports};
 use crate::hislip::{Channel, Fatal, Frame, Frames, Kind, Link, Locks, Over, VENDOR, VERSION, place};
 use mio::net::TcpListener;
 use mio::{Interest, Poll, Registry};
-use nix::sys::socket::{setsockopt, sockopt};
 use std::collections::BTreeMap;
 use std::io;
 use std::net::SocketAddr;
@@ -23,9 +22,6 @@ const STRANGERS: usize = 16;
 const INITIALIZATION: Duration = Duration::from_secs(10);
 /// ... and after this time, when another client needs its place.
 const HALF: Duration = Duration::from_secs(1);
-/// After this time without a word the system asks whether the other computer is there; as long again, and it is not.
-#[cfg(target_os = "linux")]
-const KEEP_ALIVE_S: u32 = 60;
 /// Reads of one connection in one turn.
 const READS: usize = 64;
 
@@ -133,14 +129,6 @@ impl<S: Served + Ports> OnHislip<S> {
 
     fn accept(&mut self, wall: Duration) {
         while let Ok((stream, _)) = self.listener.accept() {
-            // a client need not say anything for hours, so the system looks whether its computer is still there
-            let _ = setsockopt(&stream, sockopt::KeepAlive, &true);
-            #[cfg(target_os = "linux")]
-            {
-                let _ = setsockopt(&stream, sockopt::TcpKeepIdle, &KEEP_ALIVE_S);
-                let _ = setsockopt(&stream, sockopt::TcpKeepInterval, &(KEEP_ALIVE_S / 6));
-                let _ = setsockopt(&stream, sockopt::TcpKeepCount, &6);
-            }
             if self.strangers.len() == STRANGERS {
                 self.strangers.remove(0).connection.refuse(Fatal::TooMany);
             }
