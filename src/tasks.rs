@@ -153,7 +153,7 @@ impl<'a, const N: usize> Controller<'a, N> {
             (&mut self.exchanges[n], self.links.session(link), port.bus())
         {
             let changed = bus.turn(&mut Attached { exchange, device });
-            if changed {
+            if exchange.take_heard() {
                 self.links.heard(link, now_ms);
             }
             return any | changed;

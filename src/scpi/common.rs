@@ -76,7 +76,7 @@ fn help_headers(out: &mut Response) -> Flow {
     if out.cursor() == 0 {
         out.block_head(HELP_LENGTH);
     }
-    let (first, mut next, mut walk) = (out.cursor(), 0, Walk::new());
+    let (first, mut next, mut walk) = (out.cursor(), 0, Walk::begin());
     while let Some(header) = walk.step() {
         if next >= first {
             if out.room() < HELP_LINE_MAX {

@@ -1,4 +1,5 @@
 """HiSLIP with a client of our own: what pyvisa-py does not show, and what no client should do."""
+import os
 import socket
 import struct
 import time
@@ -202,6 +203,8 @@ def test_long_messages_come_in_parts_that_the_client_can_take(server):
     assert stage.errors() == [-221]
     stage.send("Data", b"x" * 70_000)
     assert receive(stage.sync)[:2] == ("Error", 4)
+    stage.send("DataEnd", b"\n*ESE 77\n")
+    assert stage.query("*ESE?") == "0", "the rest of a message that was refused"
     assert stage.query("*OPC?") == "1"
 
 
@@ -219,7 +222,7 @@ def test_a_lock_keeps_others_out_until_it_is_given_back_or_its_owner_goes(server
     assert one.query("*ESE?") == "0"
     assert one.ask("AsyncLock", 0)[:2] == ("AsyncLockResponse", 1)
     assert two.answer()[0].startswith("Stage Controller")
-    assert [link.ask("AsyncLock", 1, 0, b"team")[1] for link in (one, two)] == [2, 2]
+    assert [link.ask("AsyncLock", 1, 0, b"team")[1] for link in (one, two)] == [1, 1]
     assert two.ask("AsyncLock", 1, 0)[1] == 1
     two.close()
     assert one.query("*ESE?") == "0", "its locks went with it"
@@ -233,6 +236,7 @@ def test_remote_and_local_are_taken_and_unknown_messages_refused(server):
         assert stage.query("*ESE?") == "0"
     assert stage.ask("AsyncRemoteLocalControl", 7)[:2] == ("Error", 2)
     assert stage.ask(77)[:2] == ("Error", 1)
+    assert stage.ask(200, payload=b"abc")[:2] == ("Error", 3)
     stage.sync.sendall(frame(77, payload=b"abc"))
     assert receive(stage.sync)[:2] == ("Error", 1)
     assert stage.query("*ESE?") == "0"
@@ -244,7 +248,7 @@ def test_remote_and_local_are_taken_and_unknown_messages_refused(server):
         (b"GET / HTTP/1.1\r\n\r\n", 1),
         (frame("DataEnd", 0, 0, b"*IDN?"), 3),
         (frame("AsyncInitialize", 0, 12345), 3),
-        (frame("Initialize", 0, 0x01000000, b"hislip9"), 4),
+        (frame("Initialize", 0, 0x01000000, b"hislip9"), 3),
         (frame("Initialize", 0, 0x01000000, b"nothing"), 3),
         (frame("Initialize", 0, 0x01000000) + frame("DataEnd", 0, 0, b"*IDN?"), 2),
     ],
@@ -261,18 +265,116 @@ def test_a_client_that_begins_wrongly_is_told_and_closed(server, sent, code):
     assert Client(server).query("*IDN?").startswith("Stage Controller")
 
 
+def leave(link, reset):
+    """Closes a socket, or resets it."""
+    if reset:
+        link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    link.close()
+
+
 def test_a_client_that_hangs_up_at_each_byte_leaves_nothing_behind(server):
-    talk = frame("DataEnd", 0, 0xFFFF_FF00, b"*ESE 5;*ESE?\n") + frame("Data", 1, 0xFFFF_FF02, b"AXIS1:MOVE 1")
-    for at in range(0, len(talk) + 1):
+    watch = Client(server)
+    watch.query("*CLS;*ESE 7;*ESE?")
+    assert watch.ask("AsyncLock", 1, 0, b"team")[1] == 1
+    # every client takes the lock, jogs, asks, and is in the middle of a message
+    talk = frame("DataEnd", 0, 0xFFFF_FF00, b"SYST:JOG:TIM 3600;:AXIS1:MOVE:JOG 100\n")
+    jogs_from = len(talk)
+    talk += frame("DataEnd", 0, 0xFFFF_FF02, b"*ESE 5;*ESE?") + frame("Data", 1, 0xFFFF_FF04, b"AXIS2:MOVE 1")
+    jogged = 0
+    for at in range(len(talk) + 1):
         stage = Client(server)
+        assert stage.ask("AsyncLock", 1, 0, b"team")[1] == 1
+        assert watch.ask("AsyncLockInfo")[1:3] == (0, 2)
         stage.sync.sendall(talk[:at])
-        if at % 2:
-            stage.sync.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        stage.close()
+        if at >= jogs_from:
+            stage.status()  # it has come
+            jogged += is_moving(watch)
+        leave(stage.sync, at % 2)
+        leave(stage.aside, at % 4 > 1)
+        # neither a slot, nor a lock, nor motion; and the other client is as it was
+        end = time.monotonic() + 3
+        while watch.ask("AsyncLockInfo")[1:3] != (0, 1):
+            assert time.monotonic() < end, at
+        assert watch.query("*OPC?;*ESE?") == "1;7", "a jog would never end"
+    assert jogged == len(talk) + 1 - jogs_from
+    assert watch.errors() == []
+    assert float(watch.query("AXIS2:POS:COMM?")) == 0, "half a message"
+    # every place is free: sixteen at a time
+    assert watch.ask("AsyncLock", 0, watch.message - 2)[1] == 2
+    others = [Client(server) for _ in range(15)]
+    assert [link.query("*ESE?") for link in others] == ["0"] * 15
+
+
+def test_a_connection_that_hangs_up_before_it_is_a_client_leaves_nothing_behind(server):
+    talk = frame("Initialize", 0, 0x0100 << 16, b"hislip0")
+    for at in range(2 * len(talk)):
+        link = socket.create_connection(server.hislip, timeout=3)
+        link.sendall(talk[: at // 2])
+        leave(link, at % 2)
+    clients = [Client(server) for _ in range(16)]
+    assert [link.query("*ESE?") for link in clients] == ["0"] * 16
+
+
+def is_moving(link):
+    return bool(int(link.query("STAT:OPER:COND?")) & 256)
+
+
+def wait_for_rest(link, seconds):
+    end = time.monotonic() + seconds
+    while is_moving(link):
+        assert time.monotonic() < end, "it moves on"
+
+
+def test_a_jog_ends_when_nothing_is_sent_for_its_time_out(server):
+    stage, other = Client(server), Client(server)
+    stage.write("SYST:JOG:TIM 500 MS;:AXIS1:MOVE:JOG 20")
+    begin = time.monotonic()
+    while time.monotonic() < begin + 1.2:
+        stage.write("*ESE 1")
+        time.sleep(0.1)
+    assert is_moving(other), "bytes keep it going"
+    wait_for_rest(other, 2)
+    assert 10 < float(other.query("AXIS1:POS?")) < 60
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_an_emergency_stop_does_not_wait(server, mode):
+    stage, other = Client(server), Client(server)
+    stage.clear(mode)
+    stage.write("AXIS1:VEL 2;MOVE 100;*OPC?")
+    stage.write("AXIS1:MOVE -100")
     time.sleep(0.2)
-    stage = Client(server)
-    assert (stage.query("*ESE?"), stage.errors()) == ("0", [])
-    assert float(stage.query("AXIS1:POS:COMM?")) == 0
+    assert is_moving(other)
+    assert other.ask("AsyncLock", 1, 0)[1] == 1
+    stage.write("!")
+    wait_for_rest(other, 1)
+    assert abs(float(other.query("AXIS1:POS:COMM?"))) < 20
+    assert other.ask("AsyncLock", 0, other.message - 2)[1] == 1
+    time.sleep(0.2)
+    assert not is_moving(other), "what was sent before the stop"
+    other.query("AXIS1:VEL 50;MOVE 30;*OPC?")
+    assert float(other.query("AXIS1:POS:COMM?")) == 30, "the stop has been"
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_nobody_costs_nothing(start, silent):
+    """Processor time in a second in which nothing happens, at full speed."""
+    server = start("--hislip", "0", "--speed", "max", "--no-pty", terminals=0)
+    stat = f"/proc/{server.process.pid}/stat"
+    if not os.path.exists(stat):
+        pytest.skip("no /proc")
+
+    def spent():
+        with open(stat) as file:
+            fields = file.read().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    links = [socket.create_connection(server.hislip) for _ in range(3)] if silent else [Client(server)]
+    time.sleep(0.2)
+    before = spent()
+    time.sleep(1)
+    assert spent() - before < 0.15
+    assert links
 
 
 def test_a_jog_ends_when_its_client_goes(server):

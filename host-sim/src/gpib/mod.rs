@@ -46,6 +46,12 @@ pub trait Instrument {
     fn awaits_reader(&mut self) -> bool;
     /// The link has an answer that its reader has not; until then it waits.
     fn hold(&mut self, held: bool);
+    /// A held answer is not interrupted by what comes.
+    fn overlap(&mut self, overlaps: bool);
+    /// A `!` is `coming` behind what the link holds back: aborts at once. False: none is on its way any more.
+    fn foresee_abort(&mut self, coming: bool);
+    /// The rest of a message was refused: forgets what has begun of it. Only when nothing is executed.
+    fn drop_message(&mut self);
     /// The status byte with RQS.
     fn status(&mut self) -> u8;
     /// The status byte with RQS, which this clears.
@@ -72,6 +78,8 @@ pub trait Bus {
 
 /// Instruments by their places, 0, 1, ..., of which every client has a link of its own.
 pub trait Ports {
+    /// How many there are.
+    fn places(&self) -> usize;
     /// Opens a link as after power-up; its number, none when all are taken or there is no such place.
     fn open(&mut self, place: usize, wall: Duration) -> Option<usize>;
     /// Closes a link: its input is dropped, its jogs end.
@@ -122,6 +130,19 @@ impl<D: Device, P: FnMut(&mut D, &mut dyn FnMut(u8)) -> bool> Instrument for Wir
 
     fn hold(&mut self, held: bool) {
         self.exchange.hold(self.device, held);
+    }
+
+    fn overlap(&mut self, overlaps: bool) {
+        self.exchange.overlap(overlaps);
+    }
+
+    fn foresee_abort(&mut self, coming: bool) {
+        self.device.foresee_abort(coming);
+        self.poll();
+    }
+
+    fn drop_message(&mut self) {
+        self.exchange.drop_message(self.device);
     }
 
     fn status(&mut self) -> u8 {

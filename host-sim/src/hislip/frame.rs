@@ -59,6 +59,8 @@ kinds! {
 pub struct Frame {
     /// What it is; none for a number that is not in the standard.
     pub kind: Option<Kind>,
+    /// Its number, also without a kind; 128 and above are a maker's own.
+    pub number: u8,
     /// Its control code.
     pub control: u8,
     /// Its parameter.
@@ -136,6 +138,7 @@ impl Frames {
         }
         Frame {
             kind: Kind::from_number(header[2]),
+            number: header[2],
             control: header[3],
             parameter: u32::from_be_bytes([header[4], header[5], header[6], header[7]]),
             payload: (!too_long).then(|| payload.to_vec()),
@@ -175,8 +178,14 @@ mod tests {
         assert_eq!(one[..16], *b"HS\x07\x01\xff\xff\xff\x00\0\0\0\0\0\0\0\x06");
         let bytes = [one, Frame::bytes(Kind::AsyncStatusQuery, 0, 7, b"")].concat();
         let expected = [
-            Frame { kind: Some(Kind::DataEnd), control: 1, parameter: 0xffff_ff00, payload: Some(b"*IDN?\n".to_vec()) },
-            Frame { kind: Some(Kind::AsyncStatusQuery), control: 0, parameter: 7, payload: Some(vec![]) },
+            Frame {
+                kind: Some(Kind::DataEnd),
+                number: 7,
+                control: 1,
+                parameter: 0xffff_ff00,
+                payload: Some(b"*IDN?\n".to_vec()),
+            },
+            Frame { kind: Some(Kind::AsyncStatusQuery), number: 21, control: 0, parameter: 7, payload: Some(vec![]) },
         ];
         for chunk in 1..bytes.len() {
             assert_eq!(run(&bytes, chunk).unwrap(), expected, "{chunk}");

@@ -76,6 +76,10 @@ impl Bus for BenchStation {
 
 /// The boards, input side first, and the meter behind them.
 impl Ports for BenchStation {
+    fn places(&self) -> usize {
+        METER + 1
+    }
+
     fn open(&mut self, place: usize, wall: Duration) -> Option<usize> {
         match self.stations.get_mut(place) {
             Some(station) => station.attach(wall.as_millis() as u64),
@@ -91,9 +95,9 @@ impl Ports for BenchStation {
         }
     }
 
-    fn port(&mut self, place: usize, port: usize, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
+    fn port(&mut self, place: usize, port: usize, _: Duration) -> Option<Box<dyn Instrument + '_>> {
         match self.stations.get_mut(place) {
-            Some(station) => station.instrument(port, wall.as_millis() as u64),
+            Some(station) => station.instrument(port),
             None => self.meter.instrument(port, &mut self.rig),
         }
     }

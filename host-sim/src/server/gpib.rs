@@ -35,9 +35,9 @@ impl Bus for Boards {
         (FIRST_ADDRESS..).take(self.stations.len()).collect()
     }
 
-    fn instrument(&mut self, address: u8, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
+    fn instrument(&mut self, address: u8, _: Duration) -> Option<Box<dyn Instrument + '_>> {
         let (station, link) = self.stations.get_mut(usize::from(address.checked_sub(FIRST_ADDRESS)?))?;
-        station.instrument(*link, wall.as_millis() as u64)
+        station.instrument(*link)
     }
 
     fn release(&mut self) {
@@ -46,6 +46,10 @@ impl Bus for Boards {
 }
 
 impl Ports for Boards {
+    fn places(&self) -> usize {
+        self.stations.len()
+    }
+
     fn open(&mut self, place: usize, wall: Duration) -> Option<usize> {
         self.stations.get_mut(place)?.0.attach(wall.as_millis() as u64)
     }
@@ -56,8 +60,8 @@ impl Ports for Boards {
         }
     }
 
-    fn port(&mut self, place: usize, port: usize, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
-        self.stations.get_mut(place)?.0.instrument(port, wall.as_millis() as u64)
+    fn port(&mut self, place: usize, port: usize, _: Duration) -> Option<Box<dyn Instrument + '_>> {
+        self.stations.get_mut(place)?.0.instrument(port)
     }
 }
 
@@ -184,6 +188,10 @@ impl<S: Served + Bus> OnBus<S> {
 }
 
 impl<S: Ports> Ports for OnBus<S> {
+    fn places(&self) -> usize {
+        self.served.places()
+    }
+
     fn open(&mut self, place: usize, wall: Duration) -> Option<usize> {
         self.served.open(place, wall)
     }

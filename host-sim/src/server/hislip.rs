@@ -6,7 +6,7 @@ use super::socket::Socket;
 use super::station::TOKEN;
 use crate::control::Hand;
 use crate::gpib::{Panel, Ports};
-use crate::hislip::{Client, Frame, Frames, Kind, Locks, VENDOR, VERSION, place};
+use crate::hislip::{Channel, Fatal, Frame, Frames, Kind, Link, Locks, Over, VENDOR, VERSION, place};
 use mio::net::TcpListener;
 use mio::{Interest, Poll, Registry};
 use std::collections::BTreeMap;
@@ -16,42 +16,22 @@ use std::time::Duration;
 
 /// Sessions at a time.
 const SESSIONS: usize = 16;
-/// Messages of one connection in one turn.
-const MESSAGES: usize = 64;
+/// Connections at a time that have not said what they are. A further one takes the place of the oldest.
+const STRANGERS: usize = 16;
+/// A client that is not there with both connections after this time is sent away.
+const INITIALIZATION: Duration = Duration::from_secs(10);
+/// ... and after this time, when another client needs its place.
+const HALF: Duration = Duration::from_secs(1);
+/// Reads of one connection in one turn.
+const READS: usize = 64;
 
-/// Codes of fatal errors.
-mod fatal {
-    pub const BAD_HEADER: u8 = 1;
-    pub const NOT_BOTH_CHANNELS: u8 = 2;
-    pub const BAD_INITIALIZATION: u8 = 3;
-    pub const TOO_MANY: u8 = 4;
-}
-
-/// A connection and its messages.
-struct Channel {
+/// A connection.
+struct Connection {
     stream: Stream<Socket>,
-    frames: Frames,
     ended: bool,
 }
 
-impl Channel {
-    /// The next message. An error: the connection is of no use any more.
-    fn next(&mut self) -> Result<Option<Frame>, u8> {
-        let mut found = Ok(None);
-        let frames = &mut self.frames;
-        self.stream.offer(|bytes| match frames.take(bytes) {
-            Ok((taken, frame)) => {
-                found = Ok(frame);
-                taken
-            }
-            Err(_) => {
-                found = Err(fatal::BAD_HEADER);
-                bytes.len()
-            }
-        });
-        found
-    }
-
+impl Connection {
     /// Reads what has come; false when the other side has gone.
     fn fill(&mut self) -> bool {
         match self.stream.fill() {
@@ -74,15 +54,34 @@ impl Channel {
     }
 
     /// Says why it is closed, as far as that is still heard.
-    fn refuse(&mut self, code: u8) {
-        let text = match code {
-            fatal::BAD_HEADER => "Poorly formed message header",
-            fatal::NOT_BOTH_CHANNELS => "Attempt to use connection without both channels established",
-            fatal::BAD_INITIALIZATION => "Invalid initialization sequence",
-            fatal::TOO_MANY => "Server refused connection due to maximum number of clients exceeded",
-            _ => "Unidentified error",
-        };
-        self.send(&mut Frame::bytes(Kind::FatalError, code, 0, text.as_bytes()));
+    fn refuse(&mut self, fatal: Fatal) {
+        self.send(&mut Frame::bytes(Kind::FatalError, fatal as u8, 0, fatal.text().as_bytes()));
+    }
+}
+
+/// A connection that has not said what it is.
+struct Stranger {
+    connection: Connection,
+    frames: Frames,
+    since: Duration,
+}
+
+impl Stranger {
+    /// Its first message. An error: it is no client.
+    fn first(&mut self) -> Result<Option<Frame>, Fatal> {
+        let mut found = Ok(None);
+        let frames = &mut self.frames;
+        self.connection.stream.offer(|bytes| match frames.take(bytes) {
+            Ok((taken, frame)) => {
+                found = Ok(frame);
+                taken
+            }
+            Err(_) => {
+                found = Err(Fatal::BadHeader);
+                bytes.len()
+            }
+        });
+        found
     }
 }
 
@@ -90,9 +89,10 @@ impl Channel {
 struct Session {
     place: usize,
     port: usize,
-    client: Client,
-    synchronous: Channel,
-    asynchronous: Option<Channel>,
+    link: Link,
+    synchronous: Connection,
+    asynchronous: Option<Connection>,
+    since: Duration,
 }
 
 /// What is served, with the clients of a HiSLIP server.
@@ -100,8 +100,7 @@ pub struct OnHislip<S> {
     served: S,
     listener: TcpListener,
     registry: Registry,
-    /// Connections that have not said what they are.
-    strangers: Vec<Channel>,
+    strangers: Vec<Stranger>,
     sessions: BTreeMap<u16, Session>,
     locks: BTreeMap<usize, Locks>,
     next: u16,
@@ -130,56 +129,74 @@ impl<S: Served + Ports> OnHislip<S> {
 
     fn accept(&mut self, wall: Duration) {
         while let Ok((stream, _)) = self.listener.accept() {
-            let stream = Stream::new(Socket::accepted(stream, &self.registry));
-            let mut channel = Channel { stream, frames: Frames::default(), ended: false };
-            if self.strangers.len() < SESSIONS {
-                self.strangers.push(channel);
-            } else {
-                channel.refuse(fatal::TOO_MANY);
+            if self.strangers.len() == STRANGERS {
+                self.strangers.remove(0).connection.refuse(Fatal::TooMany);
             }
+            let stream = Stream::new(Socket::accepted(stream, &self.registry));
+            let connection = Connection { stream, ended: false };
+            self.strangers.push(Stranger { connection, frames: Frames::default(), since: wall });
         }
-        for mut channel in std::mem::take(&mut self.strangers) {
-            if !channel.fill() {
+        for mut stranger in std::mem::take(&mut self.strangers) {
+            if !stranger.connection.fill() {
                 continue;
             }
-            match channel.next() {
-                Ok(None) => self.strangers.push(channel),
-                Ok(Some(frame)) => self.introduce(channel, &frame, wall),
-                Err(code) => channel.refuse(code),
+            match stranger.first() {
+                Ok(None) if wall >= stranger.since + INITIALIZATION => {
+                    stranger.connection.refuse(Fatal::BadInitialization);
+                }
+                Ok(None) => self.strangers.push(stranger),
+                Ok(Some(frame)) => self.introduce(stranger.connection, &frame, wall),
+                Err(fatal) => stranger.connection.refuse(fatal),
             }
         }
     }
 
     /// The first message of a connection says which of the two it is.
-    fn introduce(&mut self, mut channel: Channel, frame: &Frame, wall: Duration) {
+    fn introduce(&mut self, mut connection: Connection, frame: &Frame, wall: Duration) {
         match (frame.kind, frame.payload.as_deref()) {
             (Some(Kind::Initialize), Some(name)) => {
-                let Some(place) = place(name) else { return channel.refuse(fatal::BAD_INITIALIZATION) };
-                let room = self.sessions.len() < SESSIONS;
-                let Some(port) = room.then(|| self.served.open(place, wall)).flatten() else {
-                    return channel.refuse(fatal::TOO_MANY);
+                let Some(place) = place(name).filter(|place| *place < self.served.places()) else {
+                    return connection.refuse(Fatal::BadInitialization);
                 };
+                let Some(port) = self.open(place, wall) else { return connection.refuse(Fatal::TooMany) };
                 if let Some(mut instrument) = self.served.port(place, port, wall) {
                     // a client of the network controls it as long as it does not say otherwise
                     instrument.panel(Panel::Enable(true));
                 }
                 let id = self.free_id();
                 let versions = u32::from(VERSION) << 16 | u32::from(id);
-                channel.send(&mut Frame::bytes(Kind::InitializeResponse, 0, versions, b""));
-                let client = Client::new(id.into());
-                self.sessions.insert(id, Session { place, port, client, synchronous: channel, asynchronous: None });
+                connection.send(&mut Frame::bytes(Kind::InitializeResponse, 0, versions, b""));
+                let link = Link::new(id.into());
+                let session = Session { place, port, link, synchronous: connection, asynchronous: None, since: wall };
+                self.sessions.insert(id, session);
             }
             (Some(Kind::AsyncInitialize), _) => {
                 let session = u16::try_from(frame.parameter).ok().and_then(|id| self.sessions.get_mut(&id));
                 match session.filter(|session| session.asynchronous.is_none()) {
                     Some(session) => {
-                        channel.send(&mut Frame::bytes(Kind::AsyncInitializeResponse, 0, VENDOR.into(), b""));
-                        session.asynchronous = Some(channel);
+                        connection.send(&mut Frame::bytes(Kind::AsyncInitializeResponse, 0, VENDOR.into(), b""));
+                        session.asynchronous = Some(connection);
                     }
-                    None => channel.refuse(fatal::BAD_INITIALIZATION),
+                    None => connection.refuse(Fatal::BadInitialization),
                 }
             }
-            _ => channel.refuse(fatal::BAD_INITIALIZATION),
+            _ => connection.refuse(Fatal::BadInitialization),
+        }
+    }
+
+    /// A link to an instrument. Who has begun and not gone on must make room.
+    fn open(&mut self, place: usize, wall: Duration) -> Option<usize> {
+        loop {
+            let room = self.sessions.len() < SESSIONS;
+            if let Some(port) = room.then(|| self.served.open(place, wall)).flatten() {
+                return Some(port);
+            }
+            let half = |session: &Session| session.asynchronous.is_none() && wall >= session.since + HALF;
+            let oldest = self.sessions.iter().filter(|(_, session)| half(session)).min_by_key(|(_, s)| s.since);
+            let id = oldest.map(|(id, _)| *id)?;
+            let mut session = self.sessions.remove(&id)?;
+            session.synchronous.refuse(Fatal::BadInitialization);
+            self.served.close(session.place, session.port);
         }
     }
 
@@ -190,7 +207,7 @@ impl<S: Served + Ports> OnHislip<S> {
         self.next
     }
 
-    /// One round of all sessions; true while one of them waits.
+    /// One round of all sessions; true while one of them is at work.
     fn round(&mut self, wall: Duration) -> bool {
         self.accept(wall);
         let OnHislip { served, sessions, locks, .. } = self;
@@ -203,53 +220,59 @@ impl<S: Served + Ports> OnHislip<S> {
             }
             kept
         });
-        let waits = |session: &Session| session.client.is_busy() || session.synchronous.stream.has_input();
-        !self.strangers.is_empty() || self.sessions.values().any(waits)
+        // who waits for a lock, or says nothing, waits without work
+        self.sessions.values().any(|session| session.link.is_busy())
     }
 }
 
 impl Session {
     /// Takes messages and answers them; false when the session is over.
     fn round(&mut self, served: &mut impl Ports, locks: &mut Locks, wall: Duration) -> bool {
-        let Session { place, port, client, synchronous, asynchronous } = self;
+        let Session { place, port, link, synchronous, asynchronous, since } = self;
         let Some(mut instrument) = served.port(*place, *port, wall) else { return false };
+        // first: what was sent on the other connection before what is read here is there too, then
+        let heard_aside = asynchronous.as_mut().is_none_or(Connection::fill);
         let mut open = synchronous.fill();
         let Some(asynchronous) = asynchronous else {
-            if synchronous.stream.has_input() {
-                synchronous.refuse(fatal::NOT_BOTH_CHANNELS);
-                return false;
+            let refused = match synchronous.stream.has_input() {
+                true => Some(Fatal::NotBothChannels),
+                false => (wall >= *since + INITIALIZATION).then_some(Fatal::BadInitialization),
+            };
+            if let Some(fatal) = refused {
+                synchronous.refuse(fatal);
             }
-            return open;
+            return open && refused.is_none();
         };
-        open &= asynchronous.fill();
-        client.turn(&mut *instrument, locks, wall);
+        link.turn(&mut *instrument, locks, wall);
         // what was sent before a status query is done before it
-        for _ in 0..MESSAGES {
-            if !client.is_ready(&mut *instrument, locks) {
-                break;
-            }
-            match synchronous.next() {
-                Ok(None) => break,
-                Ok(Some(frame)) => client.hear(frame, &mut *instrument),
-                Err(code) => {
-                    synchronous.refuse(code);
-                    return false;
+        let mut told = |channel: Channel, connection: &mut Connection| {
+            for _ in 0..READS {
+                let mut taken = Ok(0);
+                connection.stream.offer(|bytes| {
+                    taken = link.receive(channel, bytes, &mut *instrument, locks, wall);
+                    taken.unwrap_or(bytes.len())
+                });
+                if taken? == 0 {
+                    break;
+                }
+                // one read does not bring all that has come
+                if channel == Channel::Synchronous {
+                    open = connection.fill();
                 }
             }
-        }
-        for _ in 0..MESSAGES {
-            match asynchronous.next() {
-                Ok(None) => break,
-                Ok(Some(frame)) => client.hear_aside(frame, &mut *instrument, locks, wall),
-                Err(code) => {
-                    asynchronous.refuse(code);
-                    return false;
-                }
+            Ok(())
+        };
+        let told = [told(Channel::Synchronous, synchronous), told(Channel::Asynchronous, asynchronous)];
+        link.turn(&mut *instrument, locks, wall);
+        open |= synchronous.ended && (synchronous.stream.has_input() || link.has_work());
+        let sent =
+            synchronous.send(link.output(Channel::Synchronous)) & asynchronous.send(link.output(Channel::Asynchronous));
+        for (told, connection) in told.into_iter().zip([synchronous, asynchronous]) {
+            if let Err(Over::Refused(fatal)) = told {
+                connection.refuse(fatal);
             }
         }
-        client.turn(&mut *instrument, locks, wall);
-        let [answers, asides] = client.output();
-        open & synchronous.send(answers) & asynchronous.send(asides)
+        heard_aside && open && sent && told == [Ok(()); 2]
     }
 }
 

@@ -3,8 +3,13 @@
 use super::station::TOKEN;
 use mio::net::TcpStream;
 use mio::{Interest, Registry};
+use nix::sys::socket::{setsockopt, sockopt};
 use std::io::{self, Read, Write};
 use std::os::fd::AsFd;
+
+/// A side that does not answer any more is missed after so long without a byte, and then so many questions, s.
+#[cfg(target_os = "linux")]
+const KEEP_ALIVE: (u32, u32, u32) = (30, 10, 3);
 
 /// A connection.
 #[derive(Debug)]
@@ -18,6 +23,14 @@ impl Socket {
     /// A connection that was just accepted. What cannot be set only makes it slower.
     pub fn accepted(mut stream: TcpStream, registry: &Registry) -> Self {
         let _ = stream.set_nodelay(true);
+        let _ = setsockopt(&stream, sockopt::KeepAlive, &true);
+        #[cfg(target_os = "linux")]
+        {
+            let (idle, interval, count) = KEEP_ALIVE;
+            let _ = setsockopt(&stream, sockopt::TcpKeepIdle, &idle);
+            let _ = setsockopt(&stream, sockopt::TcpKeepInterval, &interval);
+            let _ = setsockopt(&stream, sockopt::TcpKeepCount, &count);
+        }
         let _ = registry.register(&mut stream, TOKEN, Interest::READABLE);
         let twin = stream.as_fd().try_clone_to_owned().ok().map(std::net::TcpStream::from);
         Socket { stream, twin }

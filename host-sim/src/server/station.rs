@@ -140,8 +140,7 @@ impl Station {
     }
 
     /// The board as an instrument on a link that is a bus.
-    pub(super) fn instrument(&mut self, link: usize, now_ms: u64) -> Option<Box<dyn Instrument + '_>> {
-        self.links.heard(link, now_ms);
+    pub(super) fn instrument(&mut self, link: usize) -> Option<Box<dyn Instrument + '_>> {
         let Station { board, links, buses, .. } = self;
         let (_, exchange) = buses.iter_mut().find(|(n, _)| *n == link)?;
         let poll = |session: &mut Session, see: &mut dyn FnMut(u8)| session.poll_message(&mut board.front, see);
@@ -368,6 +367,12 @@ impl Served for Station {
 
 /// Executes what can be executed on all links; true when something was.
 fn execute(links: &mut Links<LINKS>, buses: &mut Buses, front: &mut Front, now_ms: u64) -> bool {
+    // bytes are traffic, a look at the link is none
+    for (link, exchange) in buses.iter_mut() {
+        if exchange.take_heard() {
+            links.heard(*link, now_ms);
+        }
+    }
     links.poll_each(front, now_ms, |n, session, front| match buses.iter_mut().find(|(link, _)| *link == n) {
         Some((_, exchange)) => exchange.poll(session, |session, see| session.poll_message(front, see)),
         None => session.poll(front),

@@ -54,6 +54,11 @@ pub trait Device {
     fn is_partial(&self) -> bool;
     /// Forgets a message that has begun.
     fn drop_partial(&mut self);
+    /// A `!` is `coming` on the link, behind bytes that it holds back: aborts at once, and after each command up to it.
+    /// False: none is on its way any more. What knows no `!` does nothing.
+    fn foresee_abort(&mut self, coming: bool) {
+        let _ = coming;
+    }
     /// A whole message is there: executed, held up, or waiting for its turn.
     fn is_busy(&self) -> bool;
     /// Bytes stand behind the message that is executed, or behind an answer, that are more than white space.
@@ -98,6 +103,10 @@ pub struct Exchange {
     ending: bool,
     /// The link has taken an answer that its reader has not: it waits, as if it were still in the device.
     held: bool,
+    /// What comes does not interrupt a held answer.
+    overlaps: bool,
+    /// Bytes or a trigger have come since this was last asked.
+    heard: bool,
     /// MSS as last seen.
     summary: bool,
     /// RQS: MSS has risen since the last serial poll.
@@ -108,7 +117,15 @@ pub struct Exchange {
 impl Exchange {
     /// As after power-up.
     pub const fn new() -> Self {
-        Exchange { ending: false, held: false, summary: false, requests: false, control: RemoteLocal::new() }
+        Exchange {
+            ending: false,
+            held: false,
+            overlaps: false,
+            heard: false,
+            summary: false,
+            requests: false,
+            control: RemoteLocal::new(),
+        }
     }
 
     /// The controller sends bytes, `end`: with END on the last. Says how many are taken; the others are to be offered
@@ -121,10 +138,12 @@ impl Exchange {
         self.control.listens();
         if bytes.iter().all(u8::is_ascii_whitespace) && !device.is_partial() && !device.has_more() {
             // the end of the last message, sent twice
+            self.heard = true;
             return bytes.len();
         }
         self.interrupt(device);
         let taken = device.take(bytes);
+        self.heard |= taken > 0;
         if taken == bytes.len() && end {
             self.ending = true;
             self.tell_end(device);
@@ -187,7 +206,25 @@ impl Exchange {
 
     /// An answer waits, or is being made: what is sent now interrupts it.
     pub fn awaits_reader(&self, device: &impl Device) -> bool {
-        self.held || device.has_answer() || device.asks()
+        self.held && !self.overlaps || device.has_answer() || device.asks()
+    }
+
+    /// For links on which questions may be sent ahead of the answers (HiSLIP, overlapped mode): an answer that is held
+    /// shows in the status byte, and is not interrupted by what comes.
+    pub fn overlap(&mut self, overlaps: bool) {
+        self.overlaps = overlaps;
+    }
+
+    /// Bytes or a trigger have come since this was last asked: traffic, as a jog needs it.
+    pub fn take_heard(&mut self) -> bool {
+        core::mem::take(&mut self.heard)
+    }
+
+    /// The link has refused the rest of a message: what has begun of it is forgotten. Only when nothing is executed.
+    pub fn drop_message(&mut self, device: &mut impl Device) {
+        if device.is_partial() {
+            device.drop_partial();
+        }
     }
 
     /// For links that take answers ahead of their reader: `held` until the last byte has been read.
@@ -200,7 +237,7 @@ impl Exchange {
     fn interrupt(&mut self, device: &mut impl Device) -> bool {
         let waits = self.awaits_reader(device);
         if waits {
-            self.held = false;
+            self.held &= self.overlaps;
             device.drop_answer();
             device.report(ErrorNumber::QueryInterrupted);
         }
@@ -274,6 +311,7 @@ impl Exchange {
             self.interrupt(device);
             device.trigger()
         };
+        self.heard |= done;
         self.observe(device);
         done
     }

@@ -118,7 +118,7 @@ pub struct Walk {
 
 impl Walk {
     /// In front of the first entry.
-    pub fn new() -> Self {
+    pub fn begin() -> Self {
         Walk { left: HEADERS.iter(), patterns: &PATTERNS, pattern: Vec::new() }
     }
 
@@ -157,7 +157,7 @@ impl Walk {
 /// -113 unknown, or not in this form; -114 an axis that does not exist.
 pub fn find(nodes: &[&[u8]], query: bool) -> Result<(&'static Header, Option<u8>), ErrorNumber> {
     let first = nodes.first().and_then(|node| node.first()).map_or(0, u8::to_ascii_uppercase);
-    let mut walk = Walk::new();
+    let mut walk = Walk::begin();
     while let Some(header) = walk.step() {
         let pattern = walk.pattern();
         // a header that must begin with another letter: most of them, and a look at it costs little

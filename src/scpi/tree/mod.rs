@@ -286,7 +286,7 @@ mod tests {
 
     #[test]
     fn a_walk_comes_by_every_entry_and_the_lines_of_the_help_are_as_long_as_announced() {
-        let (mut walk, mut help) = (Walk::new(), String::new());
+        let (mut walk, mut help) = (Walk::begin(), String::new());
         for entry in TABLE {
             let header = walk.step().unwrap();
             assert_eq!((header.command, walk.pattern()), (entry.command, entry.pattern.as_bytes()));
