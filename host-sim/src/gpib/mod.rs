@@ -3,7 +3,8 @@
 //! # The way of the data
 //! ```text
 //! bytes of a client -> Lines      -> Line::Command(text), Line::Data(bytes)
-//! Line              -> Gateway    -> one operation at a time: write, read, serial poll, trigger, ...
+//! Line              -> Queue      -> waits for those in front of it, with its address
+//! Queue             -> Gateway    -> one operation at a time: write, read, serial poll, trigger, ...
 //! operation         -> Instrument -> (bytes, END), serial poll, clear     at an address of a Bus
 //! Instrument        -> Exchange   -> bytes in, bytes out, status byte     of a controller or a meter
 //! ```
@@ -11,10 +12,14 @@
 //! [`Gateway`] is one client's; it holds no socket and no clock. What is at the addresses does not know that it is on a
 //! bus.
 
+mod claims;
 mod command;
 mod gateway;
 mod lines;
+mod queue;
+mod settings;
 
+pub use claims::Claims;
 pub use gateway::Gateway;
 
 use stage_controller::scpi::exchange::{Device, Exchange, Read};
@@ -46,6 +51,10 @@ pub trait Instrument {
     fn awaits_reader(&mut self) -> bool;
     /// The link has an answer that its reader has not; until then it waits.
     fn hold(&mut self, held: bool);
+    /// A `!` is `coming` behind what the link holds back: aborts at once. False: none is on its way any more.
+    fn foresee_abort(&mut self, coming: bool);
+    /// A message has begun and has not ended.
+    fn is_partial(&mut self) -> bool;
     /// The status byte with RQS.
     fn status(&mut self) -> u8;
     /// The status byte with RQS, which this clears.
@@ -66,8 +75,10 @@ pub trait Bus {
     fn addresses(&self) -> Vec<u8>;
     /// The instrument at an address, `wall` time since the start.
     fn instrument(&mut self, address: u8, wall: Duration) -> Option<Box<dyn Instrument + '_>>;
-    /// A client of the gateway has gone: what moves only while somebody is there stops.
-    fn release(&mut self);
+    /// Who has begun a jog at an address has gone: it ends.
+    fn release(&mut self, address: u8);
+    /// Who of several clients has which instrument.
+    fn claims(&mut self) -> &mut Claims;
 }
 
 /// Instruments by their places, 0, 1, ..., of which every client has a link of its own.
@@ -122,6 +133,15 @@ impl<D: Device, P: FnMut(&mut D, &mut dyn FnMut(u8)) -> bool> Instrument for Wir
 
     fn hold(&mut self, held: bool) {
         self.exchange.hold(self.device, held);
+    }
+
+    fn foresee_abort(&mut self, coming: bool) {
+        self.device.foresee_abort(coming);
+        self.poll();
+    }
+
+    fn is_partial(&mut self) -> bool {
+        self.device.is_partial()
     }
 
     fn status(&mut self) -> u8 {

@@ -51,6 +51,8 @@ struct Client {
     stream: Stream<Socket>,
     /// It sends no more.
     leaving: bool,
+    /// It has gone, behind more input than is read ahead.
+    gone: bool,
 }
 
 struct Terminal {
@@ -140,15 +142,14 @@ impl Station {
     }
 
     /// The board as an instrument on a link that is a bus.
-    pub(super) fn instrument(&mut self, link: usize, now_ms: u64) -> Option<Box<dyn Instrument + '_>> {
-        self.links.heard(link, now_ms);
+    pub(super) fn instrument(&mut self, link: usize) -> Option<Box<dyn Instrument + '_>> {
         let Station { board, links, buses, .. } = self;
         let (_, exchange) = buses.iter_mut().find(|(n, _)| *n == link)?;
         let poll = |session: &mut Session, see: &mut dyn FnMut(u8)| session.poll_message(&mut board.front, see);
         Some(Box::new(Wired { exchange, device: links.session(link)?, poll }))
     }
 
-    /// Nobody controls the bus any more: a jog that was begun there ends.
+    /// Who has begun a jog on a link that is a bus has gone: it ends.
     pub(super) fn release(&mut self, link: usize) {
         self.board.front.end_jogs(link as u8);
     }
@@ -209,7 +210,7 @@ impl Station {
             // without a link number left the socket is closed at once
             if let Some(link) = self.links.open(now_ms) {
                 let stream = Stream::new(Socket::accepted(stream, &self.registry));
-                self.clients.push(Client { link, stream, leaving: false });
+                self.clients.push(Client { link, stream, leaving: false, gone: false });
             }
         }
     }
@@ -220,6 +221,12 @@ impl Station {
             let state = client.stream.fill();
             client.stream.offer(|bytes| links.receive(client.link, bytes, now_ms));
             match state {
+                State::Open if client.stream.is_full() => {
+                    client.gone = client.stream.get_mut().other_side() != State::Open;
+                    if client.gone {
+                        board.front.end_jogs(client.link as u8);
+                    }
+                }
                 State::Open => {}
                 State::Ended => client.leaving = true,
                 // a reset by our answers to somebody who has sent all and closed
@@ -254,7 +261,11 @@ impl Station {
         let Station { board, links, clients, pty, buses, .. } = self;
         let front = &mut board.front;
         clients.retain_mut(|client| {
-            let done = client.leaving && finish(client.link, &mut client.stream, links, buses, front, now_ms);
+            // of one that has gone behind more than is read ahead, nothing more is done once nothing of that can be done
+            let last = client.leaving || client.gone && client.stream.is_full();
+            let done = last
+                && finish(client.link, &mut client.stream, links, buses, front, now_ms)
+                && (client.leaving || client.stream.is_full());
             if done {
                 links.close(client.link, front);
             }
@@ -368,6 +379,12 @@ impl Served for Station {
 
 /// Executes what can be executed on all links; true when something was.
 fn execute(links: &mut Links<LINKS>, buses: &mut Buses, front: &mut Front, now_ms: u64) -> bool {
+    // bytes are traffic, a look at the link is none
+    for (link, exchange) in buses.iter_mut() {
+        if exchange.take_heard() {
+            links.heard(*link, now_ms);
+        }
+    }
     links.poll_each(front, now_ms, |n, session, front| match buses.iter_mut().find(|(link, _)| *link == n) {
         Some((_, exchange)) => exchange.poll(session, |session, see| session.poll_message(front, see)),
         None => session.poll(front),

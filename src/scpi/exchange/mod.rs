@@ -47,6 +47,11 @@ pub trait Device {
     fn is_partial(&self) -> bool;
     /// Forgets a message that has begun.
     fn drop_partial(&mut self);
+    /// A `!` is `coming` on the link, behind bytes that it holds back: aborts at once, and after each command up to it.
+    /// False: none is on its way any more. What knows no `!` does nothing.
+    fn foresee_abort(&mut self, coming: bool) {
+        let _ = coming;
+    }
     /// A whole message is there: executed, held up, or waiting for its turn.
     fn is_busy(&self) -> bool;
     /// Bytes stand behind the message that is executed, or behind an answer.
@@ -87,6 +92,8 @@ pub struct Exchange {
     ending: bool,
     /// The link has taken an answer that its reader has not: it waits, as if it were still in the device.
     held: bool,
+    /// Bytes or a trigger have come since this was last asked.
+    heard: bool,
     /// MSS as last seen.
     summary: bool,
     /// RQS: MSS has risen since the last serial poll.
@@ -97,7 +104,14 @@ pub struct Exchange {
 impl Exchange {
     /// As after power-up.
     pub const fn new() -> Self {
-        Exchange { ending: false, held: false, summary: false, requests: false, control: RemoteLocal::new() }
+        Exchange {
+            ending: false,
+            held: false,
+            heard: false,
+            summary: false,
+            requests: false,
+            control: RemoteLocal::new(),
+        }
     }
 
     /// The controller sends bytes, `end`: with END on the last. Says how many are taken; the others are to be offered
@@ -110,6 +124,7 @@ impl Exchange {
         self.control.listens();
         self.interrupt(device);
         let taken = device.take(bytes);
+        self.heard |= taken > 0;
         if taken == bytes.len() && end {
             self.ending = true;
             self.tell_end(device);
@@ -163,6 +178,11 @@ impl Exchange {
     /// An answer waits, or is being made: what is sent now interrupts it.
     pub fn awaits_reader(&self, device: &impl Device) -> bool {
         self.held || device.has_answer() || device.asks()
+    }
+
+    /// Bytes or a trigger have come since this was last asked: traffic, as a jog needs it.
+    pub fn take_heard(&mut self) -> bool {
+        core::mem::take(&mut self.heard)
     }
 
     /// For links that take answers ahead of their reader: `held` until the last byte has been read.
@@ -247,6 +267,7 @@ impl Exchange {
             self.interrupt(device);
             device.trigger()
         };
+        self.heard |= done;
         self.see(device.status_byte(self.held));
         done
     }

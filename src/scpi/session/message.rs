@@ -74,6 +74,17 @@ impl Device for Session {
         }
     }
 
+    fn foresee_abort(&mut self, coming: bool) {
+        if coming {
+            self.abort_now = true;
+            self.aborts_ahead += 1;
+            self.foreseen += 1;
+        } else {
+            self.aborts_ahead = self.aborts_ahead.saturating_sub(self.foreseen);
+            self.foreseen = 0;
+        }
+    }
+
     fn is_busy(&self) -> bool {
         self.busy || self.has_more()
     }

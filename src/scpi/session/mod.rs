@@ -77,6 +77,9 @@ pub struct Session {
     abort_now: bool,
     /// `!` that the watch has seen and the lexer has not.
     aborts_ahead: usize,
+    /// Of these, `!` that the link has told of and the watch has not seen.
+    #[cfg(feature = "bus")]
+    foreseen: usize,
     /// The lexer holds a message that is being executed.
     busy: bool,
     /// Where its next unit begins.
@@ -98,6 +101,8 @@ impl Session {
             backlog: Deque::new(),
             abort_now: false,
             aborts_ahead: 0,
+            #[cfg(feature = "bus")]
+            foreseen: 0,
             busy: false,
             at: 0,
             path: Path::new(),
@@ -119,6 +124,8 @@ impl Session {
                         (taken, refusing) = (n + 1, false);
                         continue;
                     }
+                    #[cfg(feature = "bus")]
+                    Class::Abort if self.foreseen > 0 => self.foreseen -= 1,
                     Class::Abort => {
                         self.abort_now = true;
                         self.aborts_ahead += 1;
@@ -183,6 +190,10 @@ impl Session {
         self.watch = Framer::new();
         self.backlog.clear();
         (self.ahead, self.aborts_ahead, self.busy, self.at) = (0, 0, false, 0);
+        #[cfg(feature = "bus")]
+        {
+            self.foreseen = 0;
+        }
         self.out.clear();
         self.status.forget_operation_complete();
     }
