@@ -116,6 +116,14 @@ def test_connections_that_never_say_anything_make_way_for_one_that_does(server):
     del silent
 
 
+def test_the_place_of_a_client_that_has_gone_is_free_for_the_next(server):
+    for _ in range(20):
+        clients = [Wire(server.gpib) for _ in range(SLOTS)]
+        assert all(client.ask(b"++addr\n") == b"5\r\n" for client in clients)
+        for client in clients:
+            client.vanish(reset=False)
+
+
 def test_a_serial_poll_behind_a_read_that_has_timed_out_brings_the_status(server):
     manager = pyvisa.ResourceManager("@py")
     host, port = server.gpib

@@ -198,7 +198,6 @@ impl<S: Served + Bus> OnBus<S> {
 
     /// One round of all clients; true while one of them waits.
     fn round(&mut self, wall: Duration) -> bool {
-        self.accept(wall);
         let OnBus { served, clients, .. } = self;
         let before = clients.len();
         clients.retain_mut(|client| {
@@ -217,6 +216,8 @@ impl<S: Served + Bus> OnBus<S> {
         if before > 0 && self.clients.is_empty() {
             self.enable(false, wall);
         }
+        // behind those who have gone: their places are free
+        self.accept(wall);
         self.clients.iter().any(|client| client.gateway.is_busy() || client.stream.has_input() || client.leaving)
     }
 }
