@@ -165,6 +165,10 @@ impl<S: Served + Bus> OnBus<S> {
 
     fn accept(&mut self, wall: Duration) {
         while let Ok((stream, _)) = self.listener.accept() {
+            if self.clients.len() == CLIENTS {
+                // who has gone before this one came is seen first
+                self.hear(wall);
+            }
             if self.clients.len() == CLIENTS
                 && let Some(silent) = self.clients.iter().position(|client| !client.spoke)
             {
@@ -196,8 +200,8 @@ impl<S: Served + Bus> OnBus<S> {
         clients.iter_mut().for_each(|client| client.gateway.expire(served, wall));
     }
 
-    /// One round of all clients; true while one of them waits.
-    fn round(&mut self, wall: Duration) -> bool {
+    /// Takes what the clients have sent, and does and answers it; those who have gone are gone.
+    fn hear(&mut self, wall: Duration) {
         let OnBus { served, clients, .. } = self;
         let before = clients.len();
         clients.retain_mut(|client| {
@@ -216,8 +220,12 @@ impl<S: Served + Bus> OnBus<S> {
         if before > 0 && self.clients.is_empty() {
             self.enable(false, wall);
         }
-        // behind those who have gone: their places are free
+    }
+
+    /// One round of all clients; true while one of them waits.
+    fn round(&mut self, wall: Duration) -> bool {
         self.accept(wall);
+        self.hear(wall);
         self.clients.iter().any(|client| client.gateway.is_busy() || client.stream.has_input() || client.leaving)
     }
 }
