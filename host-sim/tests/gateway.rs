@@ -34,6 +34,7 @@ impl Client {
 
     fn turn(&mut self) -> String {
         self.gateway.go_on(&mut self.bus, self.wall);
+        self.gateway.expire(&mut self.bus, self.wall);
         loop {
             let taken = self.gateway.receive(&self.waiting, &mut self.bus, self.wall);
             self.waiting.drain(..taken);
@@ -215,31 +216,35 @@ fn a_read_behind_a_serial_poll_asks_only_for_what_is_there() {
 }
 
 #[test]
-fn a_late_answer_comes_to_a_client_that_waits_and_not_to_one_that_goes_on() {
+fn a_read_gives_up_after_its_time_out_and_a_late_answer_waits_for_the_next_one() {
     let mut client = Client::new();
-    assert_eq!(client.send("AXIS1:MOVE 5;*OPC?\n++read eoi\n++ver\n") + &client.wait(40), "");
+    assert_eq!(client.send("AXIS1:MOVE 5;*OPC?\n++read eoi\n++ver\n") + &client.wait(49), "");
     assert!(client.gateway.is_busy(), "what is sent within the time-out waits");
-    assert!(client.wait(20).contains("Prologix"), "and ends the read after it");
-    assert_eq!(client.rest(), "");
-    assert_eq!(client.send("++read eoi\n"), "1\n", "the answer is still there");
-    assert_eq!(client.send("AXIS1:MOVE 0;*OPC?\n++read eoi\n") + &client.wait(500), "");
-    assert_eq!(client.rest(), "1\n");
+    assert!(client.wait(1).contains("Prologix"), "and is done after it");
+    assert!(!client.gateway.is_busy());
+    assert_eq!(client.rest() + &client.wait(5000), "", "nobody reads");
+    assert_eq!(client.send("++spoll\n"), "16\r\n", "the status byte, and not the answer");
+    assert_eq!(client.send("++addr 5\n++read eoi\n"), "1\n", "the answer was still there");
     assert_eq!(client.errors(), NONE);
 }
 
 #[test]
 fn a_line_that_is_held_goes_on_in_the_end_or_is_cleared() {
     let many = "*ESE 6;".repeat(60) + "\n";
-    for end in ["rest", "++clr\n", "++ifc\n", "hang up"] {
+    for end in ["rest", "++clr\n", "++ifc\n", "++CLR\n", "++ clr\n", "++Rst\n++eos 3\n++read_tmo_ms 50\n", "hang up"] {
         let mut client = Client::new();
         client.send("AXIS1:MOVE 1;*WAI\n");
         client.send(many.repeat(3));
-        assert!(client.gateway.is_busy(), "more than the instrument keeps");
+        for other in ["++clrfoo\n", "++clr 5\n"] {
+            client.send(other);
+            assert!(client.gateway.is_busy(), "more than the instrument keeps, and {other:?} does not end it");
+        }
         match end {
             "rest" => drop(client.rest()),
             "hang up" => client.hang_up(),
             clear => drop(client.send(clear)),
         }
+        drop(client.turn());
         assert!(!client.gateway.is_busy(), "{end}");
         assert_eq!(client.ask("*ESE?"), if end == "rest" { "6\n" } else { "0\n" }, "{end}");
         client.rest();
@@ -266,14 +271,234 @@ fn triggers_begin_what_waits_for_them_on_several_instruments_at_once() {
 }
 
 #[test]
-fn a_jog_ends_when_its_client_goes() {
+fn a_jog_ends_when_its_client_goes_and_not_when_another_one_does() {
+    for (begun_by, ends) in [(0, true), (1, false)] {
+        let mut bench = Several::new(2);
+        bench.send(begun_by, "SYST:JOG:TIM 3600;:AXIS1:MOVE:JOG 100\n");
+        bench.send(1 - begun_by, "++addr 5\nPOSE?\n++read eoi\n");
+        bench.bus.pass(200);
+        assert!(bench.bus.boards[0].front.is_moving());
+        bench.hang_up(0);
+        bench.bus.pass(400);
+        assert_eq!(bench.bus.boards[0].front.is_moving(), !ends, "begun by {begun_by}");
+        bench.hang_up(1);
+        bench.bus.pass(400);
+        assert!(!bench.bus.boards[0].front.is_moving());
+    }
+}
+
+/// Several clients on one bus.
+struct Several {
+    bus: Bench3,
+    gateways: Vec<Gateway>,
+    wall: Duration,
+}
+
+impl Several {
+    fn new(clients: usize) -> Self {
+        let mut bus = Bench3::new();
+        bus.pass(4);
+        let mut several = Several { bus, gateways: vec![Gateway::new(5); clients], wall: Duration::ZERO };
+        (0..clients).for_each(|client| drop(several.send(client, "++eos 3\n++read_tmo_ms 50\n")));
+        several
+    }
+
+    /// What has come back.
+    fn send(&mut self, client: usize, bytes: impl AsRef<[u8]>) -> String {
+        let Several { bus, gateways, wall } = self;
+        assert_eq!(gateways[client].receive(bytes.as_ref(), bus, *wall), bytes.as_ref().len());
+        self.turn(client)
+    }
+
+    fn turn(&mut self, client: usize) -> String {
+        let (mut all, mut chunk) = (Vec::new(), [0; 1000]);
+        loop {
+            self.gateways[client].go_on(&mut self.bus, self.wall);
+            match self.gateways[client].transmit(&mut chunk) {
+                0 => return String::from_utf8_lossy(&all).into_owned(),
+                count => all.extend_from_slice(&chunk[..count]),
+            }
+        }
+    }
+
+    /// A round of the server, so many ms later: what each client has got.
+    fn round(&mut self, ms: u64) -> Vec<String> {
+        self.wall += Duration::from_millis(ms);
+        let mut got: Vec<_> = (0..self.gateways.len()).map(|client| self.turn(client)).collect();
+        for (client, got) in got.iter_mut().enumerate() {
+            self.gateways[client].expire(&mut self.bus, self.wall);
+            *got += &self.turn(client);
+        }
+        got
+    }
+
+    fn rest(&mut self) {
+        while self.bus.moves() {
+            self.bus.pass(1);
+        }
+    }
+
+    fn hang_up(&mut self, client: usize) {
+        self.gateways[client].hang_up(&mut self.bus, self.wall);
+        self.gateways[client] = Gateway::new(5);
+        self.send(client, "++eos 3\n++read_tmo_ms 50\n");
+    }
+}
+
+/// A line of which an instrument that waits takes only a part, on top of what it keeps.
+fn stuck() -> String {
+    "AXIS1:VEL 5;MOVE 100;*WAI\n".to_owned() + &"*SRE 0;*SRE 0;*SRE 0;*SRE 0;*SRE 0\n".repeat(40)
+}
+
+#[test]
+fn what_stands_in_front_of_a_clear_keeps_its_order_and_its_instrument() {
+    // the queue goes on in its order: what is held at 5 stays held, and 6 is cleared in its turn
     let mut client = Client::new();
-    client.send("SYST:JOG:TIM 3600;:AXIS1:MOVE:JOG 100\n");
-    client.bus.pass(200);
-    assert!(client.bus.boards[0].front.is_moving());
-    client.hang_up();
+    client.send(stuck() + "++addr 6\nAXIS1:VEL 66\n++clr\nAXIS1:VEL?\n++read eoi\n");
+    assert!(client.gateway.is_busy());
+    assert_eq!(client.send("++addr\n"), "");
+    let told = client.rest();
+    assert_eq!(told, "66.000\n6\r\n");
+    // the clear of the held one is seen behind the other address, whose line is not lost
+    client.send("++addr 5\n".to_owned() + &stuck() + "AXIS2:VEL 77\n++addr 6\nAXIS1:VEL 67\n++addr 5\n");
+    assert!(client.gateway.is_busy());
+    client.send("++clr\n");
+    assert!(!client.gateway.is_busy());
+    assert_ne!(client.ask("AXIS2:VEL?"), "77.000\n", "what waited for the cleared one is dropped");
+    client.send("++addr 6\n");
+    assert_eq!(client.ask("AXIS1:VEL?"), "67.000\n");
+    // an interface clear frees the held one; address and order stand
     client.rest();
-    assert_eq!((client.bus.released, client.errors()), (1, vec![]));
+    client.send("++addr 5\n".to_owned() + &stuck() + "++addr 6\nAXIS1:VEL 68\n++ifc\nAXIS2:VEL 69\n");
+    assert!(!client.gateway.is_busy());
+    assert_eq!(client.ask("AXIS1:VEL?;:AXIS2:VEL?"), "68.000;69.000\n");
+    for address in [5, 6] {
+        client.send(format!("++addr {address}\n"));
+        client.rest();
+        assert_eq!(client.errors(), NONE, "{address}");
+    }
+}
+
+#[test]
+fn an_exclamation_mark_aborts_when_it_arrives_whatever_waits_in_front_of_it() {
+    for waits in ["AXIS1:VEL 5;MOVE 100;*OPC?\n++read eoi\n".to_owned(), stuck(), stuck() + "++addr 6\n++addr 5\n"] {
+        for mark in ["!", "!\n"] {
+            let mut client = Client::new();
+            client.send("++read_tmo_ms 3000\n".to_owned() + &waits);
+            client.bus.pass(200);
+            assert!(client.gateway.is_busy() && client.bus.boards[0].front.is_moving());
+            client.send(mark);
+            client.bus.pass(200);
+            assert!(!client.bus.boards[0].front.is_moving(), "{mark:?} behind {waits:.40}");
+            client.send("\n");
+            client.rest();
+            client.wait(3001);
+            // what comes behind it moves again
+            client.send("++clr\nAXIS1:MOVE:REL 1;*WAI\n");
+            assert!(client.bus.boards[0].front.operation_pending());
+            client.rest();
+            assert!(client.errors().is_empty());
+        }
+    }
+}
+
+#[test]
+fn an_exclamation_mark_stops_only_the_instrument_it_is_for() {
+    let mut client = Client::new();
+    client.send("++addr 6\nAXIS1:VEL 5;MOVE 100\n++addr 5\n".to_owned() + &stuck() + "++addr 6\n!");
+    client.bus.pass(200);
+    let moving = |client: &Client| [0, 1].map(|n| client.bus.boards[n].front.is_moving());
+    assert_eq!(moving(&client), [true, false]);
+    client.hang_up();
+    assert_eq!(moving(&client), [true, false], "a mark without its end leaves nothing behind");
+    client.send("++addr 6\nAXIS1:MOVE:REL 1\n");
+    client.bus.pass(20);
+    assert_eq!(moving(&client), [true, true]);
+}
+
+#[test]
+fn bytes_of_several_clients_never_mix_within_a_line() {
+    let long = format!("*SRE 1;*SRE 2;*SRE 3;*SRE 4{}\n", ";*SRE 5".repeat(60));
+    let mut bench = Several::new(3);
+    bench.send(1, "AXIS1:MOVE 5;*WAI\n".to_owned() + &long.repeat(4));
+    assert!(bench.gateways[1].is_busy(), "held");
+    bench.send(0, "*ESE 33\n".repeat(3));
+    bench.send(2, "*ESE 34;*ESE?\n++read eoi\n");
+    assert!(bench.gateways.iter().all(Gateway::is_busy));
+    assert_eq!(bench.send(0, "++addr 6\n++addr\n"), "", "in its order");
+    bench.rest();
+    for _ in 0..20 {
+        bench.round(0);
+    }
+    bench.wall += Duration::from_secs(1);
+    assert_eq!(bench.send(1, "SYST:ERR:ALL?\n++read eoi\n"), "0,\"No error\"\n");
+    assert!(bench.gateways.iter().all(|gateway| !gateway.is_busy()));
+}
+
+#[test]
+fn an_answer_is_for_who_has_asked_and_reads() {
+    let mut bench = Several::new(2);
+    bench.send(0, "AXIS1:VEL 100;:AXIS1:MOVE 10;*OPC?\n++read eoi\n");
+    // in the time-out of the first read the other client waits
+    assert_eq!(bench.send(1, "*ESE 77;*ESE?\n++read eoi\n"), "");
+    assert_eq!(bench.round(20), ["", ""]);
+    // after it the other one asks, which interrupts; the first one gets nothing of it
+    assert_eq!(bench.round(40).concat(), "77\n");
+    bench.rest();
+    assert_eq!(bench.round(1000), ["", ""]);
+    assert_eq!(bench.send(1, "SYST:ERR?;ERR?\n++read eoi\n"), "-410,\"Query INTERRUPTED\";0,\"No error\"\n");
+    // who has not asked does not get what another one has asked for
+    bench.send(0, "*ESE?\n");
+    bench.wall += Duration::from_millis(60);
+    assert_eq!(bench.send(1, "++read eoi\n"), "");
+    assert_eq!(bench.round(60), ["", ""]);
+    assert_eq!(bench.send(0, "++read eoi\n"), "77\n");
+    // whoever comes after it has gone may read it
+    bench.send(0, "*SRE?\n");
+    bench.hang_up(0);
+    assert_eq!(bench.send(1, "++read eoi\n"), "0\n");
+}
+
+#[test]
+fn two_clients_that_ask_in_two_parts_do_not_interrupt_each_other() {
+    let mut bench = Several::new(2);
+    for n in 0..100 {
+        bench.send(0, format!("*ESE {n};*ESE?\n"));
+        bench.send(1, format!("*SRE {};*SRE?\n", n % 64));
+        let first = bench.send(0, "++read eoi\n");
+        assert_eq!((first, bench.send(1, "++read eoi\n")), (format!("{n}\n"), format!("{}\n", n % 64)));
+    }
+    assert_eq!(bench.send(0, "SYST:ERR?\n++read eoi\n"), "0,\"No error\"\n");
+}
+
+#[test]
+fn a_clear_frees_an_instrument_that_another_client_holds() {
+    let mut bench = Several::new(2);
+    bench.send(0, stuck());
+    assert!(bench.gateways[0].is_busy());
+    assert_eq!(bench.send(1, "++clr\n*ESE 5;*ESE?\n++read eoi\n"), "5\n");
+    // the lines behind the one that was cut are still the first client's
+    bench.round(0);
+    assert_eq!(bench.send(1, "++addr 6\n*IDN?\n++read eoi\n"), "Stage Controller,SC6,0,0.1.0\n");
+}
+
+#[test]
+fn half_a_message_ends_with_its_client() {
+    let block = |count: usize| [b"COMP:LOAD #516000".to_vec(), vec![b'a'; count]].concat();
+    for begun in [
+        b"++eos 3\n++eoi 0\n*ESE 12\n".to_vec(),
+        b"++eos 3\n++eoi 0\nDISP \"\n".to_vec(),
+        block(3),
+        block(9_000),
+        block(20_000),
+        b"*ESE 12".to_vec(),
+    ] {
+        let mut client = Client::new();
+        client.send(&begun);
+        client.hang_up();
+        assert_eq!(client.ask("*ESE?"), "0\n", "{:?}", &begun[..begun.len().min(30)]);
+        assert_eq!(client.errors(), NONE);
+    }
 }
 
 /// What a careful client says at one instrument, with an escape in it.
@@ -437,7 +662,8 @@ fn no_client_wedges_the_gateway_or_an_instrument() {
             }
         }
         // every client ends in one of these ways
-        match random.below(3) {
+        let end = random.below(3);
+        match end {
             0 => client.hang_up(),
             1 => {
                 client.hang_up();
@@ -456,8 +682,10 @@ fn no_client_wedges_the_gateway_or_an_instrument() {
         client.rest();
         let (at, mark) = (5 + random.below(3), random.below(256));
         client.send(format!("++addr {at}\n"));
-        // whatever was unfinished in the instrument ends with this
-        client.send("++eoi 1\n;\n");
+        if end == 2 {
+            // who stays ends what it has begun
+            client.send("++eoi 1\n;\n");
+        }
         client.rest();
         client.turn();
         let told = client.ask(&format!("*ESE {mark};*ESE?"));

@@ -91,17 +91,6 @@ impl Caller {
         self.waiting[1].extend(Frame::bytes(kind, control, parameter, payload));
     }
 
-    fn rest(&mut self) {
-        for _ in 0..100_000 {
-            self.turn();
-            if !self.bus.moves() {
-                return;
-            }
-            self.bus.pass(1);
-        }
-        panic!("it never rests");
-    }
-
     fn clear(&mut self, feature: u8) {
         self.aside(Kind::AsyncDeviceClear, 0, 0, b"");
         let acknowledged = |heard: &[Frame], kind| heard.iter().any(|frame| frame.kind == Some(kind));
@@ -132,11 +121,11 @@ impl Caller {
     /// Virtual time until nothing moves, segments.
     fn until_rest(&mut self) -> usize {
         for segments in 0..100_000 {
+            self.turn();
             if !self.bus.moves() {
                 return segments;
             }
             self.bus.pass(1);
-            self.turn();
         }
         panic!("it never rests");
     }
@@ -178,19 +167,7 @@ const IDENTITY: &str = "Stage Controller,SC6,0,0.1.0\n";
 const QUESTIONS: [(&str, &str); 3] =
     [("*IDN?", IDENTITY), ("*ESE?;:SYST:ERR?\n", "0;0,\"No error\"\n"), ("AXIS1:POS:COMM?;*SRE?", "0.000;0\n")];
 
-impl Link {
-    fn errors(&mut self) -> Vec<i32> {
-        let mut found = Vec::new();
-        loop {
-            let told = self.ask("SYST:ERR?", READ);
-            match told.split(',').next().and_then(|number| number.parse().ok()) {
-                Some(0) => return found,
-                Some(number) => found.push(number),
-                None => panic!("{told:?}"),
-            }
-        }
-    }
-
+impl Caller {
     /// Answers come in messages of one byte each.
     fn take_single_bytes(&mut self) {
         self.aside(Kind::AsyncMaxMsgSize, 0, 0, &17_u64.to_be_bytes());
@@ -202,7 +179,7 @@ impl Link {
 fn a_clear_at_each_byte_of_a_question_or_behind_its_answer_leaves_nothing_of_it_and_no_error() {
     for ((question, answer), overlap) in QUESTIONS.into_iter().flat_map(|q| [(q, 0), (q, 1)]) {
         for at in 0..=question.len() {
-            let mut link = Link::new();
+            let mut link = Caller::new();
             link.take_single_bytes();
             link.clear(overlap);
             let context = format!("{question:?} {at} {overlap}");
@@ -228,7 +205,7 @@ fn a_message_that_stops_at_each_byte_of_its_header_or_text_hangs_up_without_a_tr
     for (question, _) in QUESTIONS {
         let whole = Frame::bytes(Kind::DataEnd, READ, 0xffff_ff00, question.as_bytes());
         for at in 0..=whole.len() {
-            let mut link = Link::new();
+            let mut link = Caller::new();
             link.waiting[0].extend(&whole[..at]);
             let answered = !link.turn()[0].is_empty();
             assert_eq!(answered, at == whole.len(), "{question:?} {at}");
@@ -242,7 +219,7 @@ fn a_message_that_stops_at_each_byte_of_its_header_or_text_hangs_up_without_a_tr
 #[test]
 fn a_question_before_the_answer_is_said_to_be_read_is_the_error_of_the_standard() {
     for (question, answer) in QUESTIONS {
-        let mut link = Link::new();
+        let mut link = Caller::new();
         assert_eq!(link.ask(question, 0), answer);
         assert_eq!(link.ask("*IDN?", 0), IDENTITY, "{question:?}");
         assert_eq!(link.errors(), [-410], "{question:?}");
@@ -329,16 +306,16 @@ fn no_client_wedges_a_link() {
                 count("locks", of(&asides, Kind::AsyncLockResponse));
             }
         }
-        link.rest();
+        link.until_rest();
         // what waits for the other connection comes or is given up
         link.wall += Duration::from_millis(200);
-        link.rest();
+        link.until_rest();
         if link.over.is_some() {
             link.hang_up();
         }
         // END ends what has begun
         link.send(Kind::DataEnd, READ, b"\n");
-        link.rest();
+        link.until_rest();
         if random.below(2) == 0 {
             link.clear(0);
         }
@@ -349,7 +326,7 @@ fn no_client_wedges_a_link() {
         if link.at == 5 && sequence % 16 == 0 {
             let before = link.ask("AXIS1:POS:COMM?", READ).trim().parse::<f64>().unwrap();
             link.send(Kind::DataEnd, READ, b"AXIS1:MOVE:REL 0.05");
-            link.rest();
+            link.until_rest();
             let way = link.ask("AXIS1:POS:COMM?", READ).trim().parse::<f64>().unwrap() - before;
             assert!((way - 0.05).abs() < 0.002, "sequence {sequence}: {way}");
             count("moves", 1);

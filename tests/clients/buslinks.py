@@ -33,6 +33,10 @@ class Link:
         self.write(line)
         return self.read()
 
+    def query_slow(self, line):
+        """A query whose answer takes up to some seconds."""
+        return self.query(line)
+
     def block(self, line):
         """The data of a definite block."""
         # a gateway's client ends a read at every LF, and without a read_termination VISA does not count the last one
@@ -54,6 +58,13 @@ class BusLink(Link):
     def __init__(self, manager, name, gateway, timeout):
         super().__init__(manager, name, timeout)
         self.gateway = gateway
+
+    def query_slow(self, line):
+        # pyvisa-py sets 50 ms, after which a gateway gives a read up
+        self.gateway.write("++read_tmo_ms 3000")
+        answer = self.query(line)
+        self.gateway.write("++read_tmo_ms 50")
+        return answer
 
     def status(self):
         return self.visa.read_stb()

@@ -123,7 +123,7 @@ impl Args {
     fn serve_on_bus(&self, served: impl Served + Bus + Ports, poll: Poll) -> Result<(), Failure> {
         let Some(port) = self.gpib else { return self.serve_on_hislip(served, poll) };
         let address = SocketAddr::new(self.bind, port);
-        let served = OnBus::new(served, address, &poll).map_err(|source| at(address, source))?;
+        let served = OnBus::new(served, address, &poll).map_err(|source| at("--gpib", address, source))?;
         println!("GPIB gateway\n  GPIB  {}", served.address().map_err(|source| self.net(source))?);
         self.serve_on_hislip(served, poll)
     }
@@ -132,7 +132,7 @@ impl Args {
     fn serve_on_hislip(&self, served: impl Served + Ports, poll: Poll) -> Result<(), Failure> {
         let Some(port) = self.hislip else { return self.until_interrupted(&mut [served], poll) };
         let address = SocketAddr::new(self.bind, port);
-        let served = OnHislip::new(served, address, &poll).map_err(|source| at(address, source))?;
+        let served = OnHislip::new(served, address, &poll).map_err(|source| at("--hislip", address, source))?;
         println!("HiSLIP server\n  HiSLIP  {}", served.address().map_err(|source| self.net(source))?);
         self.until_interrupted(&mut [served], poll)
     }
@@ -148,7 +148,7 @@ impl Args {
         };
         let mut stations = [station(Side::Input)?, station(Side::Output)?];
         let address = SocketAddr::new(self.bind, self.port_of(2)?);
-        let meter = MeterStation::new(address, &poll).map_err(|source| at(address, source))?;
+        let meter = MeterStation::new(address, &poll).map_err(|source| at("--port", address, source))?;
         println!("Bench {seed}, two stages of machine \"{name}\"");
         for (side, station) in ["Input side", "Output side"].into_iter().zip(&mut stations) {
             self.introduce(side, station)?;
@@ -172,7 +172,7 @@ impl Args {
         let refused = |reason| Failure::Refused(format!("{}: {reason}", self.machine.display()));
         let mut store = flash(self.settings.as_deref(), board)?.store();
         let front = power_up_from(&mut store, believed, self.cold).map_err(refused)?;
-        Station::new(truth, front, store, &options, poll).map_err(|source| at(options.address, source))
+        Station::new(truth, front, store, &options, poll).map_err(|source| at("--port", options.address, source))
     }
 
     /// Port of a board or of the meter behind them.
@@ -215,8 +215,10 @@ fn no_link() -> Failure {
     Failure::Refused("a board has no link left for the bus".to_owned())
 }
 
-fn at(address: SocketAddr, source: io::Error) -> Failure {
-    let hint = if source.kind() == io::ErrorKind::AddrInUse { " (--port takes another)" } else { "" };
+/// What has become of an address that an `option` gives.
+fn at(option: &str, address: SocketAddr, source: io::Error) -> Failure {
+    let taken = source.kind() == io::ErrorKind::AddrInUse;
+    let hint = if taken { format!(" ({option} takes another)") } else { String::new() };
     Failure::Io { path: format!("{address}{hint}"), source }
 }
 

@@ -63,8 +63,8 @@ pub(super) const HELP: &str = "\
 ++llo                       local lockout
 ++loc                       go to local
 ++mode [1]                  always the controller
-++read [eoi|0-255]          reads until EOI, or that byte, or a pause of read_tmo_ms
-++read_tmo_ms [1-3000]      longest pause, ms
+++read [eoi|0-255]          reads until EOI, or that byte, or until nothing comes for read_tmo_ms
+++read_tmo_ms [1-3000]      longest pause of a read, ms
 ++rst                       settings as at the start
 ++savecfg [0|1]             kept for compatibility
 ++spoll [0-30 [96-126]]     serial poll

@@ -1,16 +1,20 @@
 //! One client's gateway: its lines become operations on a bus, one after the other.
 //!
 //! It understands what a Prologix GPIB-ETHERNET controller does, with these differences:
-//! - A `++read` whose time-out has passed while the instrument is still at work on the answer ends only when the client
-//!   sends something else. A client that does not wait sees what it would see; one that does gets its answer.
 //! - A `++read` right behind a `++spoll` of an instrument that has nothing to say does not ask it: pyvisa-py reads so,
 //!   and would cause -420 with every status byte.
-//! - A line that an instrument does not take is held, as the handshake of a bus holds it, until the instrument goes on
-//!   or `++clr`, `++ifc` or `++rst` comes; then, and when the client goes, that instrument is cleared: half a message
-//!   never waits for the next client.
+//! - A line that an instrument does not take is held, as the handshake of a bus holds it, until the instrument goes on.
+//!   `++clr` of that instrument, `++ifc` or `++rst` end it wherever they stand in what waits: the instrument is cleared,
+//!   and what waits for it in front of them is dropped. All else is done in its order.
+//! - A `!` as the first byte of a line is told to its instrument when it arrives, whatever waits in front of it.
+//! - Several clients control the bus one after the other: `Claims`. When one goes, what it has begun to say and not
+//!   ended is cleared, and the jogs that were its own end.
 
-use super::command::{Address, Command, HELP, Setting, Until};
-use super::lines::{Line, Lines};
+use super::claims::Id;
+use super::command::{Address, Command, HELP, Until};
+use super::lines::Lines;
+use super::queue::{Queue, What};
+use super::settings::Settings;
 use super::{Bus, Instrument, Panel};
 use stage_controller::scpi::exchange::Read;
 use std::time::Duration;
@@ -20,168 +24,248 @@ const OUTPUT: usize = 16_384;
 /// What ends an answer of the gateway itself.
 const NEWLINE: &str = "\r\n";
 
-/// What the commands set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Settings {
-    address: Address,
-    auto: bool,
-    eoi: bool,
-    eos: u8,
-    eot_enable: bool,
-    eot_char: u8,
-    read_timeout: Duration,
-    save: bool,
-}
-
-impl Settings {
-    fn new(primary: u8) -> Self {
-        Settings {
-            address: Address { primary, secondary: None },
-            auto: false,
-            eoi: true,
-            eos: 0,
-            eot_enable: false,
-            eot_char: 0,
-            read_timeout: Duration::from_millis(1000),
-            save: true,
-        }
-    }
-
-    fn set(&mut self, setting: Setting, value: u16) {
-        match setting {
-            Setting::Auto => self.auto = value == 1,
-            Setting::Eoi => self.eoi = value == 1,
-            Setting::Eos => self.eos = value as u8,
-            Setting::EotEnable => self.eot_enable = value == 1,
-            Setting::EotChar => self.eot_char = value as u8,
-            Setting::Mode => {}
-            Setting::ReadTimeout => self.read_timeout = Duration::from_millis(value.into()),
-            Setting::SaveConfig => self.save = value == 1,
-        }
-    }
-
-    fn get(&self, setting: Setting) -> u128 {
-        match setting {
-            Setting::Auto => self.auto.into(),
-            Setting::Eoi => self.eoi.into(),
-            Setting::Eos => self.eos.into(),
-            Setting::EotEnable => self.eot_enable.into(),
-            Setting::EotChar => self.eot_char.into(),
-            Setting::Mode => 1,
-            Setting::ReadTimeout => self.read_timeout.as_millis(),
-            Setting::SaveConfig => self.save.into(),
-        }
-    }
-}
-
-/// What takes longer than a moment.
+/// What takes longer than a moment. `begun`: how often its instrument had been cleared when it began there; once more,
+/// and it is over.
 #[derive(Clone, Debug, Default)]
 enum Doing {
     #[default]
     Nothing,
-    /// `tried`: the instrument has seen some of it.
-    Writing { bytes: Vec<u8>, sent: usize, end: bool, auto: bool, tried: bool },
-    /// `since`: the last byte, wall time; `polite`: asks only for what is there.
-    Reading { until: Until, since: Duration, polite: bool },
+    Writing(Writing),
+    Reading(Reading),
     /// What is still to be triggered, the last one first.
     Triggering(Vec<Address>),
+}
+
+#[derive(Clone, Debug)]
+struct Writing {
+    bytes: Vec<u8>,
+    sent: usize,
+    /// With EOI on the last byte.
+    end: bool,
+    /// The line ends here.
+    whole: bool,
+    begun: Option<u64>,
+    aborts: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Reading {
+    until: Until,
+    /// The last byte, wall time.
+    since: Duration,
+    /// Asks only for what is there.
+    polite: bool,
+    begun: Option<u64>,
 }
 
 /// The gateway as one client sees it.
 #[derive(Clone, Debug)]
 pub struct Gateway {
     first: u8,
+    /// On the bus; none before it has done anything there.
+    id: Option<Id>,
     settings: Settings,
     lines: Lines,
+    /// The line that comes in begins with `!`.
+    aborts: bool,
+    queue: Queue,
     doing: Doing,
+    /// A line that is sent in parts, and `begun` of its first one.
+    parts: Option<u64>,
     /// The last line was a serial poll.
     polled: bool,
+    /// When something last went on, wall time.
+    moved: Duration,
     output: Vec<u8>,
 }
 
 impl Gateway {
     /// With the settings of the start; `first` is the address then.
     pub fn new(first: u8) -> Self {
+        let settings = Settings::new(first);
         Gateway {
             first,
-            settings: Settings::new(first),
+            id: None,
+            settings,
             lines: Lines::default(),
+            aborts: false,
+            queue: Queue::new(settings.address),
             doing: Doing::Nothing,
+            parts: None,
             polled: false,
+            moved: Duration::ZERO,
             output: Vec::new(),
         }
+    }
+
+    fn id(&mut self, bus: &mut impl Bus) -> Id {
+        *self.id.get_or_insert_with(|| bus.claims().newcomer())
     }
 
     /// Takes bytes of the client, at this `wall` time since the start, and does what they say; says how many. The
     /// others are to be offered again, first.
     pub fn receive(&mut self, bytes: &[u8], bus: &mut impl Bus, wall: Duration) -> usize {
-        let mut taken = self.make_way(bytes, bus, wall);
-        while taken < bytes.len() && matches!(self.doing, Doing::Nothing) && self.output.len() < OUTPUT {
+        let mut taken = 0;
+        while taken < bytes.len() && !self.queue.is_full() {
+            let begins = self.lines.is_at_start();
             let line = self.lines.push(bytes[taken]);
             taken += 1;
+            if begins && self.lines.is_abort() {
+                self.aborts = true;
+                with(bus, self.queue.address(), wall, |instrument| instrument.foresee_abort(true));
+            }
             if let Some(line) = line {
-                self.begin(line, bus, wall);
-                self.go_on(bus, wall);
+                self.queue.push(line, std::mem::take(&mut self.aborts));
             }
         }
+        self.go_on(bus, wall);
         taken
     }
 
-    /// Ends what new bytes put an end to; says how many of them are done with.
-    fn make_way(&mut self, bytes: &[u8], bus: &mut impl Bus, wall: Duration) -> usize {
-        match self.doing {
-            Doing::Reading { since, .. } if !bytes.is_empty() && wall >= since + self.settings.read_timeout => {
-                self.doing = Doing::Nothing;
-                0
-            }
-            Doing::Writing { .. } | Doing::Triggering(_) => {
-                // in data every `+` is escaped: this is a command
-                let at = ["++clr", "++ifc", "++rst"].iter().filter_map(|command| find_line(bytes, command)).min();
-                if at.is_some() {
-                    self.give_up(bus, wall);
-                    self.lines = Lines::default();
+    /// Goes on with what is under way and what waits behind it, at this `wall` time since the start.
+    pub fn go_on(&mut self, bus: &mut impl Bus, wall: Duration) {
+        loop {
+            self.doing = match std::mem::take(&mut self.doing) {
+                Doing::Nothing => Doing::Nothing,
+                Doing::Writing(line) => self.write(line, bus, wall),
+                Doing::Reading(reading) => self.read(reading, bus, wall),
+                Doing::Triggering(addresses) => self.trigger(addresses, bus, wall),
+            };
+            if self.is_at_work() {
+                if !self.break_off(bus, wall) {
+                    return;
                 }
-                at.unwrap_or(0)
+            } else if self.output.len() >= OUTPUT {
+                return;
+            } else {
+                let Some(line) = self.queue.pop() else { return };
+                self.moved = wall;
+                self.begin(line, bus, wall);
             }
-            _ => 0,
         }
     }
 
-    /// Ends what is under way. An instrument that has seen a part of a line is cleared.
-    fn give_up(&mut self, bus: &mut impl Bus, wall: Duration) {
-        if let Doing::Writing { tried: true, .. } = std::mem::take(&mut self.doing) {
-            with(bus, self.settings.address, wall, |instrument| instrument.clear());
+    /// Ends a read that has brought nothing for longer than its time-out. What it has not brought waits for the next.
+    pub fn expire(&mut self, bus: &mut impl Bus, wall: Duration) {
+        let room = self.output.len() < OUTPUT;
+        if let Doing::Reading(reading) = &mut self.doing
+            && !room
+        {
+            reading.since = wall;
+        }
+        if self.has_timed_out(wall) {
+            self.doing = Doing::Nothing;
+            let who = self.id(bus);
+            bus.claims().leave(self.settings.address.primary, who, None);
+            self.go_on(bus, wall);
+        }
+    }
+
+    /// What an instrument does not take is given up when a clear of it waits. False: it goes on.
+    fn break_off(&mut self, bus: &mut impl Bus, wall: Duration) -> bool {
+        let at = match &self.doing {
+            Doing::Writing(_) => self.settings.address,
+            Doing::Triggering(addresses) => match addresses.last() {
+                Some(address) => *address,
+                None => return false,
+            },
+            _ => return false,
+        };
+        if !self.queue.take_clear(at) {
+            return false;
+        }
+        match std::mem::take(&mut self.doing) {
+            Doing::Writing(line) => {
+                self.parts = None;
+                if line.begun.is_some() {
+                    self.clear(at, bus, wall);
+                }
+            }
+            Doing::Triggering(mut addresses) => {
+                addresses.pop();
+                self.doing = Doing::Triggering(addresses);
+            }
+            _ => {}
+        }
+        true
+    }
+
+    /// Device clear, for all clients.
+    fn clear(&mut self, at: Address, bus: &mut impl Bus, wall: Duration) {
+        let coming = self.foresees(at);
+        let there = with(bus, at, wall, |instrument| {
+            instrument.clear();
+            if coming {
+                instrument.foresee_abort(true);
+            }
+        });
+        if there.is_some() {
+            bus.claims().cleared(at.primary);
+        }
+    }
+
+    /// A `!` is on its way to an instrument.
+    fn foresees(&self, at: Address) -> bool {
+        let under_way = matches!(&self.doing, Doing::Writing(line) if line.aborts) && self.settings.address == at;
+        under_way || self.aborts && self.queue.address() == at || self.queue.aborts(at)
+    }
+
+    /// The client sends no more: its jogs end, also those it still begins.
+    pub fn end_jogs(&mut self, bus: &mut impl Bus) {
+        if let Some(id) = self.id {
+            bus.claims().jogs(id).into_iter().for_each(|address| bus.release(address));
         }
     }
 
     /// The client has gone.
     pub fn hang_up(&mut self, bus: &mut impl Bus, wall: Duration) {
-        self.give_up(bus, wall);
-        bus.release();
+        for address in bus.addresses() {
+            if self.foresees(Address { primary: address, secondary: None })
+                && let Some(mut instrument) = bus.instrument(address, wall)
+            {
+                instrument.foresee_abort(false);
+            }
+        }
+        let here = self.settings.address;
+        if let Doing::Writing(Writing { begun: Some(begun), .. }) = std::mem::take(&mut self.doing)
+            && begun == bus.claims().clears(here.primary)
+        {
+            (self.aborts, self.queue) = (false, Queue::new(here));
+            self.clear(here, bus, wall);
+        }
+        self.end_jogs(bus);
+        let Some(id) = self.id else { return };
+        for address in bus.claims().forget(id) {
+            let partial = bus.instrument(address, wall).is_some_and(|mut instrument| instrument.is_partial());
+            if partial {
+                (self.aborts, self.queue) = (false, Queue::new(here));
+                self.clear(Address { primary: address, secondary: None }, bus, wall);
+            }
+        }
     }
 
     /// A line: a command is done, data is begun to be sent.
-    fn begin(&mut self, line: Line, bus: &mut impl Bus, wall: Duration) {
+    fn begin(&mut self, line: What, bus: &mut impl Bus, wall: Duration) {
         let polled = std::mem::take(&mut self.polled);
         match line {
-            Line::Data { mut bytes, whole } => {
-                if whole {
-                    let end: &[u8] = match self.settings.eos {
-                        0 => b"\r\n",
-                        1 => b"\r",
-                        2 => b"\n",
-                        _ => b"",
-                    };
-                    bytes.extend_from_slice(end);
+            What::Data { mut bytes, whole, aborts } => {
+                let clears = bus.claims().clears(self.settings.address.primary);
+                if self.parts.is_some_and(|begun| begun != clears) {
+                    // what was in front of this part in its line is no more
+                    self.parts = self.parts.filter(|_| !whole);
+                    return;
                 }
-                let (end, auto) = (whole && self.settings.eoi, whole && self.settings.auto);
-                self.doing = Doing::Writing { bytes, sent: 0, end, auto, tried: false };
+                if whole {
+                    bytes.extend_from_slice(self.settings.end());
+                }
+                let end = whole && self.settings.eoi;
+                self.doing = Doing::Writing(Writing { bytes, sent: 0, end, whole, begun: None, aborts });
             }
-            Line::Command(text) => match Command::parse(&text) {
-                Some(Command::Read(until)) => self.doing = Doing::Reading { until, since: wall, polite: polled },
-                Some(command) => self.execute(command, bus, wall),
-                None => self.say("Unrecognized command"),
-            },
+            What::Command(Some(Command::Read(until))) => {
+                self.doing = Doing::Reading(Reading { until, since: wall, polite: polled, begun: None });
+            }
+            What::Command(Some(command)) => self.execute(command, bus, wall),
+            What::Command(None) => self.say("Unrecognized command"),
         }
     }
 
@@ -207,9 +291,7 @@ impl Gateway {
                 let mut requests = |at: &u8| bus.instrument(*at, wall).is_some_and(|mut one| one.requests_service());
                 self.say(u8::from(addresses.iter().any(&mut requests)));
             }
-            Command::Clear => {
-                with(bus, here, wall, |instrument| instrument.clear());
-            }
+            Command::Clear => self.clear(here, bus, wall),
             Command::Trigger(mut addresses) => {
                 if addresses.is_empty() {
                     addresses.push(here);
@@ -239,62 +321,128 @@ impl Gateway {
         self.output.extend(NEWLINE.bytes());
     }
 
-    /// Goes on with what is under way, at this `wall` time since the start.
-    pub fn go_on(&mut self, bus: &mut impl Bus, wall: Duration) {
-        let here = self.settings.address;
-        match &mut self.doing {
-            Doing::Nothing => {}
-            Doing::Writing { bytes, sent, end, auto, tried } => {
-                let done = with(bus, here, wall, |instrument| {
-                    *tried = true;
-                    while *sent < bytes.len() {
-                        match instrument.write(&bytes[*sent..], *end) {
-                            0 => return false,
-                            taken => *sent += taken,
-                        }
-                    }
-                    true
-                });
-                // where nobody is, nobody listens
-                if done != Some(false) {
-                    let then = Doing::Reading { until: Until::End, since: wall, polite: false };
-                    self.doing = if *auto { then } else { Doing::Nothing };
-                    self.go_on(bus, wall);
-                }
-            }
-            Doing::Reading { until, since, polite } => {
-                let (until, polite, before) = (*until, *polite, self.output.len());
-                let done = with(bus, here, wall, |instrument| read(instrument, until, polite, &mut self.output));
-                if self.output.len() > before {
-                    *since = wall;
-                }
-                match done {
-                    Some(Ended::Later) => return,
-                    Some(Ended::WithEnd) if self.settings.eot_enable => self.output.push(self.settings.eot_char),
-                    _ => {}
-                }
-                self.doing = Doing::Nothing;
-            }
-            Doing::Triggering(addresses) => {
-                while let Some(address) = addresses.last() {
-                    if with(bus, *address, wall, |instrument| instrument.trigger()) == Some(false) {
-                        return;
-                    }
-                    addresses.pop();
-                }
-                self.doing = Doing::Nothing;
-            }
+    fn write(&mut self, mut line: Writing, bus: &mut impl Bus, wall: Duration) -> Doing {
+        let (here, who) = (self.settings.address, self.id(bus));
+        let claims = bus.claims();
+        let clears = claims.clears(here.primary);
+        if let Some(begun) = line.begun.filter(|begun| *begun != clears) {
+            self.parts = (!line.whole).then_some(begun);
+            return Doing::Nothing;
         }
+        // where nobody is, nobody listens
+        let nobody = here.secondary.is_some();
+        if !nobody && !claims.take(here.primary, who, wall) {
+            return Doing::Writing(line);
+        }
+        if !nobody && line.begun.is_none() {
+            line.begun = Some(clears);
+            // the name of every command that begins a jog has it; part of a line may be part of such a name
+            let jogs = line.bytes.windows(3).any(|word| word.eq_ignore_ascii_case(b"JOG"));
+            claims.wrote(here.primary, who, jogs || !line.end);
+        }
+        let before = line.sent;
+        let done = with(bus, here, wall, |instrument| {
+            while line.sent < line.bytes.len() {
+                match instrument.write(&line.bytes[line.sent..], line.end) {
+                    0 => return false,
+                    taken => line.sent += taken,
+                }
+            }
+            true
+        });
+        if line.sent > before {
+            self.moved = wall;
+        }
+        if done == Some(false) {
+            return Doing::Writing(line);
+        }
+        if line.aborts && !self.foresees(here) {
+            with(bus, here, wall, |instrument| instrument.foresee_abort(false));
+        }
+        self.parts = (!line.whole).then_some(clears);
+        if line.whole {
+            self.leave(bus, wall);
+        }
+        if line.whole && self.settings.auto {
+            return self.read(Reading { until: Until::End, since: wall, polite: false, begun: None }, bus, wall);
+        }
+        Doing::Nothing
     }
 
-    /// Something is under way.
-    pub fn is_busy(&self) -> bool {
+    /// What was under way here has ended. Who has asked is expected to read.
+    fn leave(&mut self, bus: &mut impl Bus, wall: Duration) {
+        let (here, who) = (self.settings.address, self.id(bus));
+        let asked = with(bus, here, wall, |instrument| instrument.awaits_reader()) == Some(true);
+        bus.claims().leave(here.primary, who, asked.then(|| wall + self.settings.read_timeout));
+    }
+
+    fn read(&mut self, mut reading: Reading, bus: &mut impl Bus, wall: Duration) -> Doing {
+        let (here, who) = (self.settings.address, self.id(bus));
+        let claims = bus.claims();
+        let clears = claims.clears(here.primary);
+        if reading.begun.is_some_and(|begun| begun != clears) {
+            return Doing::Nothing;
+        }
+        if here.secondary.is_none() && !claims.take(here.primary, who, wall) {
+            return Doing::Reading(reading);
+        }
+        reading.begun = Some(clears);
+        let of_another = claims.was_asked_by_another(here.primary, who);
+        let (Reading { until, polite, .. }, before) = (reading, self.output.len());
+        let done = with(bus, here, wall, |instrument| match of_another && !instrument.is_idle() {
+            true => Ended::Later,
+            false => read(instrument, until, polite, &mut self.output),
+        });
+        if self.output.len() > before {
+            (reading.since, self.moved) = (wall, wall);
+        }
+        match done {
+            Some(Ended::Later) => return Doing::Reading(reading),
+            Some(Ended::WithEnd) if self.settings.eot_enable => self.output.push(self.settings.eot_char),
+            _ => {}
+        }
+        self.leave(bus, wall);
+        Doing::Nothing
+    }
+
+    fn trigger(&mut self, mut addresses: Vec<Address>, bus: &mut impl Bus, wall: Duration) -> Doing {
+        let who = self.id(bus);
+        while let Some(address) = addresses.last().copied() {
+            if address.secondary.is_none() {
+                if !bus.claims().take(address.primary, who, wall) {
+                    return Doing::Triggering(addresses);
+                }
+                let done = with(bus, address, wall, |instrument| instrument.trigger());
+                // it is not part of a line: others may go on meanwhile
+                bus.claims().leave(address.primary, who, None);
+                if done == Some(false) {
+                    return Doing::Triggering(addresses);
+                }
+                self.moved = wall;
+            }
+            addresses.pop();
+        }
+        Doing::Nothing
+    }
+
+    /// Something takes longer than a moment.
+    fn is_at_work(&self) -> bool {
         !matches!(self.doing, Doing::Nothing)
+    }
+
+    /// Something is under way, or waits.
+    pub fn is_busy(&self) -> bool {
+        self.is_at_work() || !self.queue.is_empty()
     }
 
     /// A read has brought nothing for longer than its time-out, at this `wall` time since the start.
     pub fn has_timed_out(&self, wall: Duration) -> bool {
-        matches!(self.doing, Doing::Reading { since, .. } if wall >= since + self.settings.read_timeout)
+        matches!(&self.doing, Doing::Reading(reading) if wall >= reading.since + self.settings.read_timeout)
+    }
+
+    /// Nothing has gone on for longer than a read may take, at this `wall` time since the start.
+    pub fn has_stalled(&self, wall: Duration) -> bool {
+        self.is_at_work() && wall >= self.moved + self.settings.read_timeout
     }
 
     /// Hands out what the client is to read; says how many bytes.
@@ -350,10 +498,4 @@ fn with<R>(
     let nobody = address.secondary.is_some();
     let mut instrument = bus.instrument(address.primary, wall).filter(|_| !nobody)?;
     Some(act(&mut *instrument))
-}
-
-/// Where a line begins with this text.
-fn find_line(bytes: &[u8], text: &str) -> Option<usize> {
-    (0..bytes.len())
-        .find(|at| bytes[*at..].starts_with(text.as_bytes()) && (*at == 0 || matches!(bytes[at - 1], b'\r' | b'\n')))
 }

@@ -59,6 +59,16 @@ impl Lines {
         })
     }
 
+    /// No byte of a line has come.
+    pub fn is_at_start(&self) -> bool {
+        self.bytes.is_empty() && !self.going_on
+    }
+
+    /// What has come of the line is `!`.
+    pub fn is_abort(&self) -> bool {
+        self.bytes == b"!" && !self.going_on
+    }
+
     fn is_command(&self) -> bool {
         self.pluses == 2
     }

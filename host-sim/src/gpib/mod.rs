@@ -3,7 +3,8 @@
 //! # The way of the data
 //! ```text
 //! bytes of a client -> Lines      -> Line::Command(text), Line::Data(bytes)
-//! Line              -> Gateway    -> one operation at a time: write, read, serial poll, trigger, ...
+//! Line              -> Queue      -> waits for those in front of it, with its address
+//! Queue             -> Gateway    -> one operation at a time: write, read, serial poll, trigger, ...
 //! operation         -> Instrument -> (bytes, END), serial poll, clear     at an address of a Bus
 //! Instrument        -> Exchange   -> bytes in, bytes out, status byte     of a controller or a meter
 //! ```
@@ -11,10 +12,14 @@
 //! [`Gateway`] is one client's; it holds no socket and no clock. What is at the addresses does not know that it is on a
 //! bus.
 
+mod claims;
 mod command;
 mod gateway;
 mod lines;
+mod queue;
+mod settings;
 
+pub use claims::Claims;
 pub use gateway::Gateway;
 
 use stage_controller::scpi::exchange::{Device, Exchange, Read};
@@ -52,6 +57,8 @@ pub trait Instrument {
     fn foresee_abort(&mut self, coming: bool);
     /// The rest of a message was refused: forgets what has begun of it. Only when nothing is executed.
     fn drop_message(&mut self);
+    /// A message has begun and has not ended.
+    fn is_partial(&mut self) -> bool;
     /// The status byte with RQS.
     fn status(&mut self) -> u8;
     /// The status byte with RQS, which this clears.
@@ -72,8 +79,10 @@ pub trait Bus {
     fn addresses(&self) -> Vec<u8>;
     /// The instrument at an address, `wall` time since the start.
     fn instrument(&mut self, address: u8, wall: Duration) -> Option<Box<dyn Instrument + '_>>;
-    /// A client of the gateway has gone: what moves only while somebody is there stops.
-    fn release(&mut self);
+    /// Who has begun a jog at an address has gone: it ends.
+    fn release(&mut self, address: u8);
+    /// Who of several clients has which instrument.
+    fn claims(&mut self) -> &mut Claims;
 }
 
 /// Instruments by their places, 0, 1, ..., of which every client has a link of its own.
@@ -143,6 +152,10 @@ impl<D: Device, P: FnMut(&mut D, &mut dyn FnMut(u8)) -> bool> Instrument for Wir
 
     fn drop_message(&mut self) {
         self.exchange.drop_message(self.device);
+    }
+
+    fn is_partial(&mut self) -> bool {
+        self.device.is_partial()
     }
 
     fn status(&mut self) -> u8 {

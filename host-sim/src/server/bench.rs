@@ -5,7 +5,7 @@ use super::pace::{Pace, Turn};
 use super::{FIRST_ADDRESS, Served, Speed, Station};
 use crate::bench_twin::Bench;
 use crate::control::Hand;
-use crate::gpib::{Bus, Instrument, Ports};
+use crate::gpib::{Bus, Claims, Instrument, Ports};
 use crate::rig::Rig;
 use std::time::Duration;
 
@@ -22,12 +22,14 @@ pub struct BenchStation {
     told: bool,
     /// The links on the bus.
     bus: Option<[usize; 3]>,
+    claims: Claims,
 }
 
 impl BenchStation {
     /// Puts boards, whose stages are those of the bench, and a meter before it.
     pub fn new(bench: Bench, stations: [Station; 2], meter: MeterStation, speed: Speed) -> Self {
-        BenchStation { stations, meter, rig: Rig::new(bench), pace: Pace::new(speed), told: false, bus: None }
+        let (rig, pace) = (Rig::new(bench), Pace::new(speed));
+        BenchStation { stations, meter, rig, pace, told: false, bus: None, claims: Claims::default() }
     }
 
     /// Puts boards and meter on a bus. False when one has no link left.
@@ -67,10 +69,15 @@ impl Bus for BenchStation {
         self.port(place, *self.bus?.get(place)?, wall)
     }
 
-    fn release(&mut self) {
-        for (station, link) in self.stations.iter_mut().zip(self.bus.iter().flatten()) {
-            station.release(*link);
+    fn release(&mut self, address: u8) {
+        let place = address.checked_sub(FIRST_ADDRESS).map_or(METER, usize::from);
+        if let (Some(station), Some(links)) = (self.stations.get_mut(place), self.bus) {
+            station.release(links[place]);
         }
+    }
+
+    fn claims(&mut self) -> &mut Claims {
+        &mut self.claims
     }
 }
 

@@ -5,7 +5,7 @@ use super::socket::Socket;
 use super::station::TOKEN;
 use super::{Served, Station};
 use crate::control::Hand;
-use crate::gpib::{Bus, Gateway, Instrument, Panel, Ports};
+use crate::gpib::{Bus, Claims, Gateway, Instrument, Panel, Ports};
 use mio::net::TcpListener;
 use mio::{Interest, Poll, Registry};
 use std::io;
@@ -20,13 +20,18 @@ const CLIENTS: usize = 8;
 /// Boards, each for itself, on one bus.
 pub struct Boards {
     stations: Vec<(Station, usize)>,
+    claims: Claims,
 }
 
 impl Boards {
     /// Puts boards on a bus; none when one has no link left.
     pub fn new(stations: Vec<Station>) -> Option<Self> {
         let attach = |mut station: Station| station.attach(0).map(|link| (station, link));
-        stations.into_iter().map(attach).collect::<Option<_>>().map(|stations| Boards { stations })
+        stations
+            .into_iter()
+            .map(attach)
+            .collect::<Option<_>>()
+            .map(|stations| Boards { stations, claims: Claims::default() })
     }
 }
 
@@ -40,8 +45,15 @@ impl Bus for Boards {
         station.instrument(*link)
     }
 
-    fn release(&mut self) {
-        self.stations.iter_mut().for_each(|(station, link)| station.release(*link));
+    fn release(&mut self, address: u8) {
+        let place = address.checked_sub(FIRST_ADDRESS).map(usize::from);
+        if let Some((station, link)) = place.and_then(|place| self.stations.get_mut(place)) {
+            station.release(*link);
+        }
+    }
+
+    fn claims(&mut self) -> &mut Claims {
+        &mut self.claims
     }
 }
 
@@ -90,16 +102,19 @@ struct Client {
     gateway: Gateway,
     /// It sends no more.
     leaving: bool,
+    /// It has sent something.
+    spoke: bool,
 }
 
 impl Client {
     /// Takes what has come, does it, and hands the answers out.
     fn exchange(&mut self, bus: &mut impl Bus, wall: Duration) -> State {
-        let Client { stream, gateway, .. } = self;
+        let Client { stream, gateway, spoke, .. } = self;
         gateway.go_on(bus, wall);
         loop {
             let mut taken = 0;
             stream.offer(|bytes| {
+                *spoke = true;
                 taken = gateway.receive(bytes, bus, wall);
                 taken
             });
@@ -110,10 +125,18 @@ impl Client {
         }
     }
 
-    /// All it has sent is done, or would have timed out.
+    /// Reads what has come. That the other side has gone is seen behind what is not read yet, too.
+    fn fill(&mut self) -> State {
+        match self.stream.fill() {
+            State::Open if self.stream.has_input() => self.stream.get_mut().other_side(),
+            state => state,
+        }
+    }
+
+    /// It sends no more, and all it has sent is done, or is held up for longer than it would wait for a read.
     fn is_done(&self, wall: Duration) -> bool {
-        let ended = !self.gateway.is_busy() || self.gateway.has_timed_out(wall);
-        self.leaving && !self.stream.has_input() && ended && !self.stream.has_output()
+        let all = !self.stream.has_input() && !self.gateway.is_busy() && !self.stream.has_output();
+        self.leaving && (all || self.gateway.has_stalled(wall))
     }
 }
 
@@ -146,12 +169,22 @@ impl<S: Served + Bus> OnBus<S> {
 
     fn accept(&mut self, wall: Duration) {
         while let Ok((stream, _)) = self.listener.accept() {
+            if self.clients.len() == CLIENTS {
+                // who has gone before this one came is seen first
+                self.hear(wall);
+            }
+            if self.clients.len() == CLIENTS
+                && let Some(silent) = self.clients.iter().position(|client| !client.spoke)
+            {
+                self.clients.remove(silent).gateway.hang_up(&mut self.served, wall);
+            }
             if self.clients.len() < CLIENTS {
                 let stream = Stream::new(Socket::accepted(stream, &self.registry));
                 if self.clients.is_empty() {
                     self.enable(true, wall);
                 }
-                self.clients.push(Client { stream, gateway: Gateway::new(FIRST_ADDRESS), leaving: false });
+                let gateway = Gateway::new(FIRST_ADDRESS);
+                self.clients.push(Client { stream, gateway, leaving: false, spoke: false });
             }
         }
     }
@@ -165,15 +198,23 @@ impl<S: Served + Bus> OnBus<S> {
         }
     }
 
-    /// One round of all clients; true while one of them waits.
-    fn round(&mut self, wall: Duration) -> bool {
-        self.accept(wall);
+    /// Ends reads whose time is over, once the instruments have had theirs.
+    fn expire(&mut self, wall: Duration) {
+        let OnBus { served, clients, .. } = self;
+        clients.iter_mut().for_each(|client| client.gateway.expire(served, wall));
+    }
+
+    /// Takes what the clients have sent, and does and answers it; those who have gone are gone.
+    fn hear(&mut self, wall: Duration) {
         let OnBus { served, clients, .. } = self;
         let before = clients.len();
         clients.retain_mut(|client| {
-            let read = client.stream.fill();
+            let read = client.fill();
             client.leaving |= read == State::Ended;
             let state = client.exchange(served, wall);
+            if client.leaving {
+                client.gateway.end_jogs(served);
+            }
             let gone = read == State::Gone || state == State::Gone || client.is_done(wall);
             if gone {
                 client.gateway.hang_up(served, wall);
@@ -183,6 +224,12 @@ impl<S: Served + Bus> OnBus<S> {
         if before > 0 && self.clients.is_empty() {
             self.enable(false, wall);
         }
+    }
+
+    /// One round of all clients; true while one of them waits.
+    fn round(&mut self, wall: Duration) -> bool {
+        self.accept(wall);
+        self.hear(wall);
         self.clients.iter().any(|client| client.gateway.is_busy() || client.stream.has_input() || client.leaving)
     }
 }
@@ -209,7 +256,9 @@ impl<S: Served + Bus> Served for OnBus<S> {
     fn turn(&mut self, wall: Duration, budget: Duration) -> bool {
         self.round(wall);
         let busy = self.served.turn(wall, budget);
-        self.round(wall) || busy
+        let waits = self.round(wall);
+        self.expire(wall);
+        waits || busy
     }
 
     fn hand(&mut self, hand: Hand) {

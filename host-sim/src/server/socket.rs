@@ -1,5 +1,6 @@
 //! An accepted TCP connection that wakes the server, and is acknowledged at once.
 
+use super::link::State;
 use super::station::TOKEN;
 use mio::net::TcpStream;
 use mio::{Interest, Registry};
@@ -34,6 +35,24 @@ impl Socket {
         let _ = registry.register(&mut stream, TOKEN, Interest::READABLE);
         let twin = stream.as_fd().try_clone_to_owned().ok().map(std::net::TcpStream::from);
         Socket { stream, twin }
+    }
+
+    /// What has become of the other side, though there may be bytes in front of that.
+    pub fn other_side(&self) -> State {
+        #[cfg(target_os = "linux")]
+        {
+            use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+            let shows =
+                |what| poll(&mut [PollFd::new(self.stream.as_fd(), what)], PollTimeout::ZERO).is_ok_and(|n| n > 0);
+            // a reset shows unasked; the end of what the other side sends does not
+            if shows(PollFlags::empty()) {
+                return State::Gone;
+            }
+            if shows(PollFlags::from_bits_retain(nix::libc::POLLRDHUP)) {
+                return State::Ended;
+            }
+        }
+        State::Open
     }
 
     /// Most clients hold a second line back until the first is acknowledged (Nagle's algorithm), and a first line without

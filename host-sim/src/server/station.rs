@@ -51,6 +51,8 @@ struct Client {
     stream: Stream<Socket>,
     /// It sends no more.
     leaving: bool,
+    /// It has gone, behind more input than is read ahead.
+    gone: bool,
 }
 
 struct Terminal {
@@ -147,7 +149,7 @@ impl Station {
         Some(Box::new(Wired { exchange, device: links.session(link)?, poll }))
     }
 
-    /// Nobody controls the bus any more: a jog that was begun there ends.
+    /// Who has begun a jog on a link that is a bus has gone: it ends.
     pub(super) fn release(&mut self, link: usize) {
         self.board.front.end_jogs(link as u8);
     }
@@ -208,7 +210,7 @@ impl Station {
             // without a link number left the socket is closed at once
             if let Some(link) = self.links.open(now_ms) {
                 let stream = Stream::new(Socket::accepted(stream, &self.registry));
-                self.clients.push(Client { link, stream, leaving: false });
+                self.clients.push(Client { link, stream, leaving: false, gone: false });
             }
         }
     }
@@ -219,6 +221,12 @@ impl Station {
             let state = client.stream.fill();
             client.stream.offer(|bytes| links.receive(client.link, bytes, now_ms));
             match state {
+                State::Open if client.stream.is_full() => {
+                    client.gone = client.stream.get_mut().other_side() != State::Open;
+                    if client.gone {
+                        board.front.end_jogs(client.link as u8);
+                    }
+                }
                 State::Open => {}
                 State::Ended => client.leaving = true,
                 // a reset by our answers to somebody who has sent all and closed
@@ -253,7 +261,11 @@ impl Station {
         let Station { board, links, clients, pty, buses, .. } = self;
         let front = &mut board.front;
         clients.retain_mut(|client| {
-            let done = client.leaving && finish(client.link, &mut client.stream, links, buses, front, now_ms);
+            // of one that has gone behind more than is read ahead, nothing more is done once nothing of that can be done
+            let last = client.leaving || client.gone && client.stream.is_full();
+            let done = last
+                && finish(client.link, &mut client.stream, links, buses, front, now_ms)
+                && (client.leaving || client.stream.is_full());
             if done {
                 links.close(client.link, front);
             }

@@ -2,7 +2,7 @@
 
 use host_sim::bench_twin::{Bench, Options};
 use host_sim::board::{Board, Interleaving};
-use host_sim::gpib::{Bus, Instrument, Wired};
+use host_sim::gpib::{Bus, Claims, Instrument, Wired};
 use host_sim::machine::Machine;
 use host_sim::power_meter;
 use host_sim::rig::Rig;
@@ -17,6 +17,7 @@ pub struct Bench3 {
     pub links: [(Session, Exchange); 2],
     pub meter: (power_meter::Session, Exchange),
     rig: Rig,
+    claims: Claims,
     /// So often a client has gone.
     pub released: usize,
 }
@@ -34,6 +35,7 @@ impl Bench3 {
             links: [0, 1].map(|n| (Session::new(n), Exchange::new())),
             meter: (power_meter::Session::new(), Exchange::new()),
             rig: Rig::new(Bench::seeded(4, &Options::default())),
+            claims: Claims::default(),
             released: 0,
         }
     }
@@ -82,10 +84,15 @@ impl Bus for Bench3 {
         }
     }
 
-    fn release(&mut self) {
+    fn release(&mut self, address: u8) {
         self.released += 1;
-        for (n, board) in self.boards.iter_mut().enumerate() {
+        let n = usize::from(address - 5);
+        if let Some(board) = self.boards.get_mut(n) {
             board.front.end_jogs(n as u8);
         }
+    }
+
+    fn claims(&mut self) -> &mut Claims {
+        &mut self.claims
     }
 }

@@ -97,11 +97,6 @@ const fn line_end(form: Form) -> &'static str {
 }
 
 impl Header {
-    /// True when the form exists.
-    pub fn has(&self, query: bool) -> bool {
-        self.form != if query { Form::Set } else { Form::Query }
-    }
-
     /// Fewest and most parameters.
     pub fn arity(&self, query: bool) -> (usize, usize) {
         let halves = usize::from(self.arity[usize::from(query)]);
@@ -161,7 +156,7 @@ pub fn find(nodes: &[&[u8]], query: bool) -> Result<(&'static Header, Option<u8>
     while let Some(header) = walk.step() {
         let pattern = walk.pattern();
         // a header that must begin with another letter: most of them, and a look at it costs little
-        if !header.has(query) || !matches!(pattern, [b, ..] if *b == b'[' || *b == first) {
+        if !header.form.has(query) || !matches!(pattern, [b, ..] if *b == b'[' || *b == first) {
             continue;
         }
         if let Some(suffix) = super::match_nodes(pattern, nodes) {

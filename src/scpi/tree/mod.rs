@@ -158,6 +158,13 @@ pub enum Form {
     Both,
 }
 
+impl Form {
+    /// True when a command of this form may be said so.
+    pub const fn has(self, query: bool) -> bool {
+        !matches!((self, query), (Form::Set, true) | (Form::Query, false))
+    }
+}
+
 /// A command. What the manual says of it is not in the firmware: nobody reads it there, and there is no room for it;
 /// the rest becomes a [`Header`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
