@@ -1,13 +1,10 @@
 //! The instrument on USB: between the endpoints, requests, and the controller's turn stands one [`Interface`].
 
 use super::composition::{INSTRUMENT, INSTRUMENT_INTERFACE};
-use super::otg;
-use crate::board::port::ARRIVED;
-use core::cell::{Cell, RefCell};
-use core::future::{Future, poll_fn};
-use core::pin::pin;
-use core::task::{Context, Poll};
-use embassy_sync::waitqueue::AtomicWaker;
+use super::{WOKEN, once, otg};
+use crate::board::port::{ARRIVED, Events};
+use core::cell::RefCell;
+use core::task::Context;
 use embassy_usb::Handler;
 use embassy_usb::control::{InResponse, Recipient, Request, RequestType};
 use embassy_usb::driver::{Direction, EndpointIn, EndpointOut};
@@ -26,21 +23,13 @@ const fn index(address: u8) -> usize {
 /// when the other has its turn.
 pub struct Shared {
     interface: RefCell<Interface>,
-    closed: Cell<bool>,
-    opened: Cell<bool>,
-    /// Wakes the task of USB.
-    woken: AtomicWaker,
+    events: Events,
 }
 
 impl Shared {
     /// Not configured.
     pub const fn new() -> Self {
-        Shared {
-            interface: RefCell::new(Interface::new()),
-            closed: Cell::new(false),
-            opened: Cell::new(false),
-            woken: AtomicWaker::new(),
-        }
+        Shared { interface: RefCell::new(Interface::new()), events: Events::new() }
     }
 
     /// The host has cleared the halt of bulk OUT.
@@ -51,9 +40,21 @@ impl Shared {
     /// Nothing of what was is left; the host may have come.
     fn begin(&self, opened: bool) {
         *self.interface.borrow_mut() = Interface::new();
-        self.closed.set(true);
-        self.opened.set(opened);
-        ARRIVED.signal(());
+        self.events.begin(opened);
+    }
+
+    /// Goes on with the endpoints.
+    pub fn pump<I: EndpointIn>(
+        &self,
+        context: &mut Context<'_>,
+        bulk_out: &mut impl EndpointOut,
+        bulk_in: &mut I,
+        interrupt_in: &mut I,
+    ) {
+        let mut endpoints = Endpoints { context, bulk_out, bulk_in, interrupt_in };
+        if self.interface.borrow_mut().pump(&mut endpoints) {
+            ARRIVED.signal(());
+        }
     }
 }
 
@@ -102,14 +103,6 @@ struct Endpoints<'a, 'b, O, I> {
     interrupt_in: &'a mut I,
 }
 
-/// Polls once: what is dropped then has done nothing, and goes on the next time.
-fn once<T>(context: &mut Context<'_>, future: impl Future<Output = T>) -> Option<T> {
-    match pin!(future).poll(context) {
-        Poll::Ready(value) => Some(value),
-        Poll::Pending => None,
-    }
-}
-
 impl<O: EndpointOut, I: EndpointIn> Wire for Endpoints<'_, '_, O, I> {
     fn receive(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
         once(self.context, self.bulk_out.read(packet))?.ok()
@@ -140,34 +133,12 @@ impl<O: EndpointOut, I: EndpointIn> Wire for Endpoints<'_, '_, O, I> {
     }
 }
 
-/// Goes on whenever an endpoint or the controller has done something, for ever.
-pub async fn serve<O: EndpointOut, I: EndpointIn>(
-    shared: &Shared,
-    mut bulk_out: O,
-    mut bulk_in: I,
-    mut interrupt_in: I,
-) -> ! {
-    poll_fn(|context| {
-        shared.woken.register(context.waker());
-        // the interrupt that tells of a fetched packet wakes who waits here
-        let _ = once(context, bulk_in.wait_enabled());
-        let _ = once(context, interrupt_in.wait_enabled());
-        let (bulk_out, bulk_in, interrupt_in) = (&mut bulk_out, &mut bulk_in, &mut interrupt_in);
-        let mut endpoints = Endpoints { context, bulk_out, bulk_in, interrupt_in };
-        if shared.interface.borrow_mut().pump(&mut endpoints) {
-            ARRIVED.signal(());
-        }
-        Poll::Pending
-    })
-    .await
-}
-
 /// The controller's side.
 pub struct Socket(pub &'static Shared);
 
 impl Port for Socket {
     fn event(&mut self) -> Option<PortEvent> {
-        if self.0.closed.take() { Some(PortEvent::Closed) } else { self.0.opened.take().then_some(PortEvent::Opened) }
+        self.0.events.take()
     }
 
     fn received(&mut self) -> &[u8] {
@@ -191,7 +162,7 @@ impl BusPort for Socket {
     fn turn(&mut self, link: &mut Attached<'_, Session>) -> bool {
         let any = self.0.interface.borrow_mut().turn(link);
         if any {
-            self.0.woken.wake();
+            WOKEN.wake();
         }
         any
     }

@@ -18,16 +18,19 @@ pub mod composition;
 pub mod driver;
 pub mod instrument;
 mod otg;
-mod serial;
+pub mod serial;
 
-use super::port::Plug;
 use composition::Announced;
+use core::future::{Future, poll_fn};
+use core::pin::pin;
+use core::task::{Context, Poll};
 use driver::Guarded;
-use embassy_futures::join::join4;
+use embassy_futures::select::select;
 use embassy_stm32::usb::{Config as OtgConfig, Driver as Otg, InterruptHandler};
 use embassy_stm32::{Peri, bind_interrupts, peripherals};
+use embassy_sync::waitqueue::AtomicWaker;
 use embassy_usb::Builder;
-use instrument::{Requests, Shared};
+use instrument::Requests;
 use serial::Lines;
 use static_cell::StaticCell;
 
@@ -44,9 +47,25 @@ pub struct Parts {
     pub dm: Peri<'static, peripherals::PA11>,
 }
 
+/// Wakes the task of USB when the controller has done something.
+static WOKEN: AtomicWaker = AtomicWaker::new();
+
+/// Polls once: what is dropped then has done nothing, and goes on the next time.
+fn once<T>(context: &mut Context<'_>, future: impl Future<Output = T>) -> Option<T> {
+    match pin!(future).poll(context) {
+        Poll::Ready(value) => Some(value),
+        Poll::Pending => None,
+    }
+}
+
 /// The device, for ever.
 #[embassy_executor::task]
-pub async fn run(parts: Parts, serial_number: &'static str, plug: &'static Plug, shared: &'static Shared) {
+pub async fn run(
+    parts: Parts,
+    serial_number: &'static str,
+    port: &'static serial::Shared,
+    shared: &'static instrument::Shared,
+) {
     static OUT: StaticCell<[u8; 192]> = StaticCell::new();
     static DESCRIPTORS: StaticCell<([u8; composition::SIZE], [u8; 16], [u8; 64])> = StaticCell::new();
     static LINES: StaticCell<Lines> = StaticCell::new();
@@ -60,10 +79,23 @@ pub async fn run(parts: Parts, serial_number: &'static str, plug: &'static Plug,
     let config = composition::identity(serial_number);
     let (configuration, bos, control) = DESCRIPTORS.init(([0; composition::SIZE], [0; 16], [0; 64]));
     let mut builder = Builder::new(Guarded::new(bus, shared), config, configuration, bos, &mut [], control);
-    let Announced { serial_out, serial_in, bulk_out, bulk_in, interrupt_in } = composition::announce(&mut builder);
-    builder.handler(LINES.init(Lines::new(plug)));
+    let Announced { mut serial_out, mut serial_in, mut bulk_out, mut bulk_in, mut interrupt_in } =
+        composition::announce(&mut builder);
+    builder.handler(LINES.init(Lines::new(port)));
     builder.handler(REQUESTS.init(Requests(shared)));
     let mut device = builder.build();
-    let instrument = instrument::serve(shared, bulk_out, bulk_in, interrupt_in);
-    join4(device.run(), serial::receive(serial_out, plug), serial::send(serial_in, plug), instrument).await;
+    loop {
+        let mut begun = false;
+        let endpoints = poll_fn(|context| {
+            WOKEN.register(context.waker());
+            port.pump(context, &mut serial_out, &mut serial_in);
+            shared.pump(context, &mut bulk_out, &mut bulk_in, &mut interrupt_in);
+            // A SETUP packet ends the control transfer before it (USB 2.0, 8.5.3), as a reset and a host that is gone
+            // do; the device would wait for its end for ever. Each wakes this task, the first event of the bus at
+            // least: those behind it are masked until it is handled.
+            if core::mem::replace(&mut begun, true) && otg::is_given_up() { Poll::Ready(()) } else { Poll::Pending }
+        });
+        // what is dropped then waits for a packet, or has nothing to do
+        select(device.run(), endpoints).await;
+    }
 }
