@@ -5,9 +5,8 @@ use super::{WOKEN, once, otg};
 use crate::board::port::{ARRIVED, Events};
 use core::cell::RefCell;
 use core::task::Context;
-use embassy_usb::Handler;
 use embassy_usb::control::{InResponse, Recipient, Request, RequestType};
-use embassy_usb::driver::{Direction, EndpointIn, EndpointOut};
+use embassy_usb::driver::{EndpointIn, EndpointOut};
 use stage_controller::hal::{BusPort, Port, PortEvent};
 use stage_controller::scpi::exchange::Attached;
 use stage_controller::scpi::session::Session;
@@ -38,9 +37,26 @@ impl Shared {
     }
 
     /// Nothing of what was is left; the host may have come.
-    fn begin(&self, opened: bool) {
+    pub fn begin(&self, opened: bool) {
         *self.interface.borrow_mut() = Interface::new();
         self.events.begin(opened);
+    }
+
+    /// Answers a request to the interface or to one of its bulk endpoints. None: it is for somebody else.
+    pub fn control<'a>(&self, request: Request, answer: &'a mut [u8]) -> Option<InResponse<'a>> {
+        let [place, _] = request.index.to_le_bytes();
+        let kind = match (request.request_type, request.recipient) {
+            (RequestType::Class, Recipient::Interface) if request.index == INSTRUMENT_INTERFACE => OF_INTERFACE,
+            (RequestType::Class, Recipient::Endpoint) if [INSTRUMENT.bulk_out, INSTRUMENT.bulk_in].contains(&place) => {
+                OF_ENDPOINT
+            }
+            _ => return None,
+        };
+        let setup = Setup { kind, request: request.request, value: request.value, index: request.index };
+        let answer: &mut Answer = answer.first_chunk_mut()?;
+        let length = self.interface.borrow_mut().control(setup, answer);
+        ARRIVED.signal(());
+        Some(length.and_then(|length| answer.get(..length)).map_or(InResponse::Rejected, InResponse::Accepted))
     }
 
     /// Goes on with the endpoints.
@@ -55,43 +71,6 @@ impl Shared {
         if self.interface.borrow_mut().pump(&mut endpoints) {
             ARRIVED.signal(());
         }
-    }
-}
-
-/// Requests of the host.
-pub struct Requests(pub &'static Shared);
-
-impl Handler for Requests {
-    fn reset(&mut self) {
-        self.0.begin(false);
-    }
-
-    fn configured(&mut self, configured: bool) {
-        otg::begin();
-        self.0.begin(configured);
-    }
-
-    fn control_in<'a>(&'a mut self, request: Request, answer: &'a mut [u8]) -> Option<InResponse<'a>> {
-        let [place, _] = request.index.to_le_bytes();
-        let kind = match (request.request_type, request.recipient, request.direction) {
-            (RequestType::Class, Recipient::Interface, Direction::In) if request.index == INSTRUMENT_INTERFACE => {
-                OF_INTERFACE
-            }
-            (RequestType::Class, Recipient::Endpoint, Direction::In)
-                if [INSTRUMENT.bulk_out, INSTRUMENT.bulk_in].contains(&place) =>
-            {
-                OF_ENDPOINT
-            }
-            _ => return None,
-        };
-        let setup = Setup { kind, request: request.request, value: request.value, index: request.index };
-        let answer: &mut Answer = answer.first_chunk_mut()?;
-        let length = self.0.interface.borrow_mut().control(setup, answer);
-        ARRIVED.signal(());
-        Some(match length {
-            Some(length) => InResponse::Accepted(&answer[..length]),
-            None => InResponse::Rejected,
-        })
     }
 }
 

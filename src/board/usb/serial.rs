@@ -5,8 +5,7 @@ use super::{WOKEN, once, otg};
 use crate::board::port::{ARRIVED, Events};
 use core::cell::RefCell;
 use core::task::Context;
-use embassy_usb::Handler;
-use embassy_usb::control::{InResponse, OutResponse, Recipient, Request, RequestType};
+use embassy_usb::control::{OutResponse, Recipient, Request, RequestType};
 use embassy_usb::driver::{EndpointIn, EndpointOut};
 use stage_controller::hal::{Port, PortEvent};
 use stage_usb488::PACKET;
@@ -99,7 +98,7 @@ pub struct Lines {
 
 impl Lines {
     /// Nobody is there; 9600 baud, 8N1.
-    pub fn new(shared: &'static Shared) -> Self {
+    pub const fn new(shared: &'static Shared) -> Self {
         Lines { shared, ready: false, coding: [0x80, 0x25, 0, 0, 0, 0, 8] }
     }
 
@@ -115,38 +114,33 @@ impl Lines {
             }
         }
     }
-}
 
-fn is_mine(request: Request) -> bool {
-    (request.request_type, request.recipient, request.index)
-        == (RequestType::Class, Recipient::Interface, SERIAL_INTERFACE)
-}
-
-impl Handler for Lines {
-    fn reset(&mut self) {
+    /// The bus was reset, or the device configured.
+    pub fn begin(&mut self) {
         self.ready = false;
         self.shared.begin();
     }
 
-    fn configured(&mut self, _: bool) {
-        self.reset();
-    }
-
-    fn control_out(&mut self, request: Request, data: &[u8]) -> Option<OutResponse> {
-        if !is_mine(request) {
-            return None;
-        }
+    /// A request of the class to its interface.
+    pub fn set(&mut self, request: Request, data: &[u8]) -> OutResponse {
         match (request.request, data.try_into()) {
             (request::SET_LINE_CODING, Ok(coding)) => self.coding = coding,
             (request::SET_CONTROL_LINE_STATE, _) => self.set_ready(request.value & 1 != 0),
-            _ => return Some(OutResponse::Rejected),
+            _ => return OutResponse::Rejected,
         }
-        Some(OutResponse::Accepted)
+        OutResponse::Accepted
     }
 
-    fn control_in<'a>(&'a mut self, request: Request, _: &'a mut [u8]) -> Option<InResponse<'a>> {
-        (is_mine(request) && request.request == request::GET_LINE_CODING).then_some(InResponse::Accepted(&self.coding))
+    /// The answer to a request of the class to its interface.
+    pub fn get(&self, request: Request) -> Option<&[u8]> {
+        (request.request == request::GET_LINE_CODING).then_some(&self.coding)
     }
+}
+
+/// A request of the class to its interface.
+pub fn is_mine(request: Request) -> bool {
+    (request.request_type, request.recipient, request.index)
+        == (RequestType::Class, Recipient::Interface, SERIAL_INTERFACE)
 }
 
 /// The controller's side.
