@@ -80,17 +80,28 @@ def interface_descriptor(number, endpoints, *kind):
     return struct.pack("<BBBBBBBBB", 9, 4, number, 0, endpoints, *kind, 0)
 
 
+def instrument(output, answers, notices):
+    """The function of the instrument, its endpoints at these addresses: an interface association (ECN) of one interface, then
+    application specific, test and measurement, USB488 (USBTMC, table 43; USB488, tables 10 and 11)."""
+    return (
+        bytes([8, 11, 0, 1, 0xFE, 3, 1, 0])
+        + interface_descriptor(0, 3, 0xFE, 3, 1)
+        + endpoint_descriptor(output, 2, 64, 0)
+        + endpoint_descriptor(answers, 2, 64, 0)
+        + endpoint_descriptor(notices, 3, 2, 1))
+
+
 def serial_port(notices, output, answers):
     """The function of the serial port, its endpoints at these addresses. It begins with an interface association (ECN): first
     interface, two of them, class, subclass, protocol, iFunction."""
     return (
-        bytes([8, 11, 0, 2, 0x02, 0x02, 0, 0])
-        + interface_descriptor(0, 1, 0x02, 0x02, 0)
+        bytes([8, 11, 1, 2, 0x02, 0x02, 0, 0])
+        + interface_descriptor(1, 1, 0x02, 0x02, 0)
         + bytes([5, 0x24, 0x00, 0x10, 0x01])  # header functional descriptor: bcdCDC 1.10 (CDC 1.2, 5.2.3.1)
         + bytes([4, 0x24, 0x02, 0x02])  # abstract control: line coding and line state (PSTN 1.2, 5.3.2)
-        + bytes([5, 0x24, 0x06, 0, 1])  # union: control interface 0, data interface 1 (CDC 1.2, 5.2.3.2)
+        + bytes([5, 0x24, 0x06, 1, 2])  # union: control interface 1, data interface 2 (CDC 1.2, 5.2.3.2)
         + endpoint_descriptor(notices, 3, 8, 255)
-        + interface_descriptor(1, 2, 0x0A, 0, 0)
+        + interface_descriptor(2, 2, 0x0A, 0, 0)
         + endpoint_descriptor(output, 2, 64, 0)
         + endpoint_descriptor(answers, 2, 64, 0))
 
@@ -99,15 +110,15 @@ def test_the_device_descriptor_is_that_of_a_composite_device(host):
     assert host.device == device_descriptor()
 
 
-def test_the_configuration_begins_with_the_serial_port_and_its_counts_are_true(host):
+def test_the_configuration_is_an_instrument_and_a_serial_port_and_its_counts_are_true(host):
     whole = host.configuration
     kind, total, interfaces, value, name, attributes, power = struct.unpack_from("<xBHBBBBB", whole)
     assert (kind, total, value, name) == (2, len(whole), 1, 0)
     assert attributes == 0x80 and power == 50, "fed by the bus: 100 mA"
-    (notices,), (output, answers) = (host.interfaces()[n][3] for n in (0, 1))
-    assert notices & IN and answers & IN and not output & IN
-    function = serial_port(notices, output, answers)
-    assert whole[9:9 + len(function)] == function
+    ends = [host.interfaces()[n][3] for n in (0, 1, 2)]
+    assert [[bool(end & IN) for end in of] for of in ends] == [[False, True, True], [True], [False, True]]
+    # the instrument first: pyvisa-py detaches the driver of Linux from interface 0
+    assert whole[9:] == instrument(*ends[0]) + serial_port(*ends[1], *ends[2])
     parts = descriptors(whole)
     assert interfaces == sum(part[1] == 4 for part in parts) == len(host.interfaces())
     ends = [part[2] for part in parts if part[1] == 5]

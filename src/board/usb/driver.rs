@@ -4,19 +4,12 @@
 //!   this device announces one.
 //! - CLEAR_FEATURE(ENDPOINT_HALT) begins with DATA0 again (USB 2.0, 9.4.5); the driver leaves the toggle as it is, and
 //!   the host's next packet would be taken for one that was sent twice.
-//! - A SETUP packet ends the control transfer before it (USB 2.0, 8.5.3), as a reset and a host that is gone do; the
-//!   driver would wait for its end for ever.
 //!
 //! The instrument is told of a halt that is cleared, which `embassy-usb` tells no class.
 
 use super::instrument::Shared;
 use super::{Hardware, composition, otg};
-use core::future::{Future, poll_fn};
-use core::task::Poll;
-use embassy_futures::select::{Either, select};
-use embassy_usb::driver::{
-    Bus, ControlPipe, Driver, EndpointAddress, EndpointAllocError, EndpointError, EndpointType, Event, Unsupported,
-};
+use embassy_usb::driver::{Bus, Driver, EndpointAddress, EndpointAllocError, EndpointType, Event, Unsupported};
 
 /// See above.
 pub struct Guarded<D> {
@@ -34,7 +27,7 @@ impl<D> Guarded<D> {
 impl Driver<'static> for Guarded<Hardware> {
     type EndpointOut = <Hardware as Driver<'static>>::EndpointOut;
     type EndpointIn = <Hardware as Driver<'static>>::EndpointIn;
-    type ControlPipe = Pipe<<Hardware as Driver<'static>>::ControlPipe>;
+    type ControlPipe = <Hardware as Driver<'static>>::ControlPipe;
     type Bus = Guarded<<Hardware as Driver<'static>>::Bus>;
 
     fn alloc_endpoint_out(
@@ -59,7 +52,7 @@ impl Driver<'static> for Guarded<Hardware> {
 
     fn start(self, size: u16) -> (Self::Bus, Self::ControlPipe) {
         let (bus, pipe) = self.inner.start(size);
-        (Guarded::new(bus, self.shared), Pipe(pipe))
+        (Guarded::new(bus, self.shared), pipe)
     }
 }
 
@@ -111,48 +104,5 @@ impl<B: Bus> Bus for Guarded<B> {
 
     async fn remote_wakeup(&mut self) -> Result<(), Unsupported> {
         self.inner.remote_wakeup().await
-    }
-}
-
-/// Endpoint 0.
-pub struct Pipe<C>(C);
-
-impl<C: ControlPipe> ControlPipe for Pipe<C> {
-    fn max_packet_size(&self) -> usize {
-        self.0.max_packet_size()
-    }
-
-    async fn setup(&mut self) -> [u8; 8] {
-        self.0.setup().await
-    }
-
-    async fn data_out(&mut self, buffer: &mut [u8], first: bool, last: bool) -> Result<usize, EndpointError> {
-        unless_given_up(self.0.data_out(buffer, first, last)).await.unwrap_or(Err(EndpointError::Disabled))
-    }
-
-    async fn data_in(&mut self, data: &[u8], first: bool, last: bool) -> Result<(), EndpointError> {
-        unless_given_up(self.0.data_in(data, first, last)).await.unwrap_or(Err(EndpointError::Disabled))
-    }
-
-    async fn accept(&mut self) {
-        unless_given_up(self.0.accept()).await;
-    }
-
-    async fn reject(&mut self) {
-        self.0.reject().await;
-    }
-
-    async fn accept_set_address(&mut self, address: u8) {
-        unless_given_up(self.0.accept_set_address(address)).await;
-    }
-}
-
-/// What comes of a stage; none when the host begins the next transfer instead, resets the bus or is gone. Each wakes the
-/// task of the device, the first event of the bus at least: those behind it are masked until it is handled.
-async fn unless_given_up<T>(stage: impl Future<Output = T>) -> Option<T> {
-    let given_up = poll_fn(|_| if otg::is_given_up() { Poll::Ready(()) } else { Poll::Pending });
-    match select(stage, given_up).await {
-        Either::First(done) => Some(done),
-        Either::Second(()) => None,
     }
 }

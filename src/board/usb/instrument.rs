@@ -1,16 +1,12 @@
 //! The instrument on USB: between the endpoints, requests, and the controller's turn stands one [`Interface`].
 
 use super::composition::{INSTRUMENT, INSTRUMENT_INTERFACE};
-use super::otg;
-use crate::board::port::ARRIVED;
-use core::cell::{Cell, RefCell};
-use core::future::{Future, poll_fn};
-use core::pin::pin;
-use core::task::{Context, Poll};
-use embassy_sync::waitqueue::AtomicWaker;
-use embassy_usb::Handler;
+use super::{WOKEN, once, otg};
+use crate::board::port::{ARRIVED, Events};
+use core::cell::RefCell;
+use core::task::Context;
 use embassy_usb::control::{InResponse, Recipient, Request, RequestType};
-use embassy_usb::driver::{Direction, EndpointIn, EndpointOut};
+use embassy_usb::driver::{EndpointIn, EndpointOut};
 use stage_controller::hal::{BusPort, Port, PortEvent};
 use stage_controller::scpi::exchange::Attached;
 use stage_controller::scpi::session::Session;
@@ -26,21 +22,13 @@ const fn index(address: u8) -> usize {
 /// when the other has its turn.
 pub struct Shared {
     interface: RefCell<Interface>,
-    closed: Cell<bool>,
-    opened: Cell<bool>,
-    /// Wakes the task of USB.
-    woken: AtomicWaker,
+    events: Events,
 }
 
 impl Shared {
     /// Not configured.
     pub const fn new() -> Self {
-        Shared {
-            interface: RefCell::new(Interface::new()),
-            closed: Cell::new(false),
-            opened: Cell::new(false),
-            woken: AtomicWaker::new(),
-        }
+        Shared { interface: RefCell::new(Interface::new()), events: Events::new() }
     }
 
     /// The host has cleared the halt of bulk OUT.
@@ -49,48 +37,40 @@ impl Shared {
     }
 
     /// Nothing of what was is left; the host may have come.
-    fn begin(&self, opened: bool) {
+    pub fn begin(&self, opened: bool) {
         *self.interface.borrow_mut() = Interface::new();
-        self.closed.set(true);
-        self.opened.set(opened);
-        ARRIVED.signal(());
-    }
-}
-
-/// Requests of the host.
-pub struct Requests(pub &'static Shared);
-
-impl Handler for Requests {
-    fn reset(&mut self) {
-        self.0.begin(false);
+        self.events.begin(opened);
     }
 
-    fn configured(&mut self, configured: bool) {
-        otg::begin();
-        self.0.begin(configured);
-    }
-
-    fn control_in<'a>(&'a mut self, request: Request, answer: &'a mut [u8]) -> Option<InResponse<'a>> {
+    /// Answers a request to the interface or to one of its bulk endpoints. None: it is for somebody else.
+    pub fn control<'a>(&self, request: Request, answer: &'a mut [u8]) -> Option<InResponse<'a>> {
         let [place, _] = request.index.to_le_bytes();
-        let kind = match (request.request_type, request.recipient, request.direction) {
-            (RequestType::Class, Recipient::Interface, Direction::In) if request.index == INSTRUMENT_INTERFACE => {
-                OF_INTERFACE
-            }
-            (RequestType::Class, Recipient::Endpoint, Direction::In)
-                if [INSTRUMENT.bulk_out, INSTRUMENT.bulk_in].contains(&place) =>
-            {
+        let kind = match (request.request_type, request.recipient) {
+            (RequestType::Class, Recipient::Interface) if request.index == INSTRUMENT_INTERFACE => OF_INTERFACE,
+            (RequestType::Class, Recipient::Endpoint) if [INSTRUMENT.bulk_out, INSTRUMENT.bulk_in].contains(&place) => {
                 OF_ENDPOINT
             }
             _ => return None,
         };
         let setup = Setup { kind, request: request.request, value: request.value, index: request.index };
         let answer: &mut Answer = answer.first_chunk_mut()?;
-        let length = self.0.interface.borrow_mut().control(setup, answer);
+        let length = self.interface.borrow_mut().control(setup, answer);
         ARRIVED.signal(());
-        Some(match length {
-            Some(length) => InResponse::Accepted(&answer[..length]),
-            None => InResponse::Rejected,
-        })
+        Some(length.and_then(|length| answer.get(..length)).map_or(InResponse::Rejected, InResponse::Accepted))
+    }
+
+    /// Goes on with the endpoints.
+    pub fn pump<I: EndpointIn>(
+        &self,
+        context: &mut Context<'_>,
+        bulk_out: &mut impl EndpointOut,
+        bulk_in: &mut I,
+        interrupt_in: &mut I,
+    ) {
+        let mut endpoints = Endpoints { context, bulk_out, bulk_in, interrupt_in };
+        if self.interface.borrow_mut().pump(&mut endpoints) {
+            ARRIVED.signal(());
+        }
     }
 }
 
@@ -100,14 +80,6 @@ struct Endpoints<'a, 'b, O, I> {
     bulk_out: &'a mut O,
     bulk_in: &'a mut I,
     interrupt_in: &'a mut I,
-}
-
-/// Polls once: what is dropped then has done nothing, and goes on the next time.
-fn once<T>(context: &mut Context<'_>, future: impl Future<Output = T>) -> Option<T> {
-    match pin!(future).poll(context) {
-        Poll::Ready(value) => Some(value),
-        Poll::Pending => None,
-    }
 }
 
 impl<O: EndpointOut, I: EndpointIn> Wire for Endpoints<'_, '_, O, I> {
@@ -140,34 +112,12 @@ impl<O: EndpointOut, I: EndpointIn> Wire for Endpoints<'_, '_, O, I> {
     }
 }
 
-/// Goes on whenever an endpoint or the controller has done something, for ever.
-pub async fn serve<O: EndpointOut, I: EndpointIn>(
-    shared: &Shared,
-    mut bulk_out: O,
-    mut bulk_in: I,
-    mut interrupt_in: I,
-) -> ! {
-    poll_fn(|context| {
-        shared.woken.register(context.waker());
-        // the interrupt that tells of a fetched packet wakes who waits here
-        let _ = once(context, bulk_in.wait_enabled());
-        let _ = once(context, interrupt_in.wait_enabled());
-        let (bulk_out, bulk_in, interrupt_in) = (&mut bulk_out, &mut bulk_in, &mut interrupt_in);
-        let mut endpoints = Endpoints { context, bulk_out, bulk_in, interrupt_in };
-        if shared.interface.borrow_mut().pump(&mut endpoints) {
-            ARRIVED.signal(());
-        }
-        Poll::Pending
-    })
-    .await
-}
-
 /// The controller's side.
 pub struct Socket(pub &'static Shared);
 
 impl Port for Socket {
     fn event(&mut self) -> Option<PortEvent> {
-        if self.0.closed.take() { Some(PortEvent::Closed) } else { self.0.opened.take().then_some(PortEvent::Opened) }
+        self.0.events.take()
     }
 
     fn received(&mut self) -> &[u8] {
@@ -191,7 +141,7 @@ impl BusPort for Socket {
     fn turn(&mut self, link: &mut Attached<'_, Session>) -> bool {
         let any = self.0.interface.borrow_mut().turn(link);
         if any {
-            self.0.woken.wake();
+            WOKEN.wake();
         }
         any
     }
