@@ -77,7 +77,7 @@ fn help_headers(out: &mut Response) -> Flow {
         out.block_head(HELP_LENGTH);
     }
     let (first, mut next, mut walk) = (out.cursor(), 0, Walk::begin());
-    while let Some(header) = walk.step() {
+    while let Some(header) = walk.step(None) {
         if next >= first {
             if out.room() < HELP_LINE_MAX {
                 out.resume_at(next);

@@ -50,7 +50,7 @@ static HEADERS: [Header; TABLE.len()] = {
     while n < TABLE.len() {
         let Entry { command, form, arity, .. } = TABLE[n];
         let (pattern, shared) = pattern(n);
-        assert!(pattern.len() <= PATTERN_MAX);
+        assert!(pattern.len() <= PATTERN_MAX && pattern[0] != b'[');
         let arity = [half_bytes(arity[0]), half_bytes(arity[1])];
         headers[n] = Header { command, form, arity, shared: shared as u8, own: (pattern.len() - shared) as u8 };
         n += 1;
@@ -107,25 +107,36 @@ impl Header {
 /// Walks over the table.
 pub struct Walk {
     left: core::slice::Iter<'static, Header>,
-    patterns: &'static [u8],
+    /// Where the next one's own bytes begin.
+    at: usize,
     pattern: Vec<u8, PATTERN_MAX>,
+    /// What is passed begins with another letter.
+    passed: bool,
 }
 
 impl Walk {
     /// In front of the first entry.
     pub fn begin() -> Self {
-        Walk { left: HEADERS.iter(), patterns: &PATTERNS, pattern: Vec::new() }
+        Walk { left: HEADERS.iter(), at: 0, pattern: Vec::new(), passed: false }
     }
 
-    /// The next entry.
+    /// The next entry; with a letter, the next one that may begin with it. A capital.
     #[inline(never)]
-    pub fn step(&mut self) -> Option<&'static Header> {
-        let header = self.left.next()?;
-        let (own, rest) = self.patterns.split_at_checked(header.own.into())?;
-        self.patterns = rest;
-        self.pattern.truncate(header.shared.into());
-        self.pattern.extend_from_slice(own).ok()?;
-        Some(header)
+    pub fn step(&mut self, letter: Option<u8>) -> Option<&'static Header> {
+        loop {
+            let header = self.left.next()?;
+            let from = self.at;
+            self.at += usize::from(header.own);
+            // what shares something with the entry before begins as that does
+            if header.shared == 0 {
+                self.passed = letter.is_some() && PATTERNS.get(from).copied() != letter;
+            }
+            if !self.passed {
+                self.pattern.truncate(header.shared.into());
+                self.pattern.extend_from_slice(PATTERNS.get(from..self.at)?).ok()?;
+                return Some(header);
+            }
+        }
     }
 
     /// Pattern of the entry of the last step.
@@ -153,10 +164,9 @@ impl Walk {
 pub fn find(nodes: &[&[u8]], query: bool) -> Result<(&'static Header, Option<u8>), ErrorNumber> {
     let first = nodes.first().and_then(|node| node.first()).map_or(0, u8::to_ascii_uppercase);
     let mut walk = Walk::begin();
-    while let Some(header) = walk.step() {
+    while let Some(header) = walk.step(Some(first)) {
         let pattern = walk.pattern();
-        // a header that must begin with another letter: most of them, and a look at it costs little
-        if !header.form.has(query) || !matches!(pattern, [b, ..] if *b == b'[' || *b == first) {
+        if !header.form.has(query) {
             continue;
         }
         if let Some(suffix) = super::match_nodes(pattern, nodes) {

@@ -295,13 +295,13 @@ mod tests {
     fn a_walk_comes_by_every_entry_and_the_lines_of_the_help_are_as_long_as_announced() {
         let (mut walk, mut help) = (Walk::begin(), String::new());
         for entry in TABLE {
-            let header = walk.step().unwrap();
+            let header = walk.step(None).unwrap();
             assert_eq!((header.command, walk.pattern()), (entry.command, entry.pattern.as_bytes()));
             let from = help.len();
             walk.write(header, &mut help).unwrap();
             assert!(help.len() - from < 100, "a line of the help fits an answer's part");
         }
-        assert_eq!((walk.step(), help.len()), (None, HELP_LENGTH));
+        assert_eq!((walk.step(None), help.len()), (None, HELP_LENGTH));
     }
 
     #[test]
