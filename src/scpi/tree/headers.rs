@@ -116,6 +116,12 @@ pub struct Walk {
     pattern: Vec<u8, PATTERN_MAX>,
 }
 
+impl Default for Walk {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Walk {
     /// In front of the first entry.
     pub fn new() -> Self {

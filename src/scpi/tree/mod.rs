@@ -9,6 +9,7 @@ use kind::arity;
 pub use kind::{Kind, Param};
 pub use table::TABLE;
 
+#[cfg(not(target_os = "none"))]
 use crate::error::ErrorNumber;
 
 /// Which command; one per entry of the table.
