@@ -85,6 +85,7 @@ impl<B: Bus> Bus for Guarded<B> {
         self.inner.endpoint_set_enabled(endpoint, enabled);
     }
 
+    #[inline(never)] // called in three places
     fn endpoint_set_stalled(&mut self, endpoint: EndpointAddress, stalled: bool) {
         if !exists(endpoint) {
             return;

@@ -60,6 +60,7 @@ impl Shared {
     }
 
     /// Goes on with the endpoints.
+    #[inline(never)]
     pub fn pump<I: EndpointIn>(
         &self,
         context: &mut Context<'_>,

@@ -73,6 +73,7 @@ struct Kept {
 static WOKEN: AtomicWaker = AtomicWaker::new();
 
 /// Polls once: what is dropped then has done nothing, and goes on the next time.
+#[inline(always)] // most of it is making the future
 fn once<T>(context: &mut Context<'_>, future: impl Future<Output = T>) -> Option<T> {
     match pin!(future).poll(context) {
         Poll::Ready(value) => Some(value),

@@ -114,6 +114,12 @@ pub struct Walk {
     passed: bool,
 }
 
+impl Default for Walk {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Walk {
     /// In front of the first entry.
     pub fn begin() -> Self {
