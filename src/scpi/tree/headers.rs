@@ -114,12 +114,6 @@ pub struct Walk {
     passed: bool,
 }
 
-impl Default for Walk {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Walk {
     /// In front of the first entry.
     pub fn begin() -> Self {
