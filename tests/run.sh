@@ -83,6 +83,7 @@ stage_clippy() { # Clippy without warnings
     cargo clippy -q --workspace --all-targets -- -D warnings
     need_thumb
     cargo clippy -q -p target-tests --target thumbv7em-none-eabihf -- -D warnings
+    cargo clippy -q --profile firmware -p stage-controller --bin stage-controller --target thumbv7em-none-eabihf -- -D warnings
 }
 
 stage_doc() { # Documentation without warnings

@@ -31,6 +31,26 @@ def host_sim():
     return _program("HOST_SIM", "cargo build --release -p host-sim")
 
 
+@pytest.fixture
+def board(firmware):
+    """A board whose program runs; afterwards, what the program did must have been what the chip takes."""
+    import lab
+
+    board = lab.power_up(firmware)
+    yield board
+    assert board.bus.warnings == [], "the program did what the chip does not take"
+
+
+@pytest.fixture
+def host(board):
+    """A PC at its USB that has just enumerated it."""
+    from stm32f4.usb_host import UsbHost
+
+    host = UsbHost(board)
+    host.plug()
+    return host.enumerate()
+
+
 _worst = {"stack": 0, "critical": (0, 0, "")}
 
 

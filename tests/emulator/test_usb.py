@@ -19,21 +19,6 @@ IDENTITY = "Stage Controller"
 
 
 @pytest.fixture
-def board(firmware):
-    board = power_up(firmware)
-    yield board
-    assert board.bus.warnings == [], "the program did what the chip does not take"
-
-
-@pytest.fixture
-def host(board):
-    """A PC that has just enumerated the board."""
-    host = UsbHost(board)
-    host.plug()
-    return host.enumerate()
-
-
-@pytest.fixture
 def port(host):
     return CdcPort(host).open()
 

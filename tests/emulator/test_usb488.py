@@ -5,9 +5,9 @@ import struct
 import pytest
 
 from cdc import CdcPort
-from lab import Follower, as_block, ask, calibrate, counts, enable_all, figure, power_up, start_moving
+from lab import Follower, as_block, ask, calibrate, counts, enable_all, figure, start_moving
 from stm32f4 import Timeout
-from stm32f4.usb_host import CLASS, IN, INTERFACE, Stall, UsbHost, descriptors
+from stm32f4.usb_host import CLASS, IN, INTERFACE, Stall, descriptors
 from usbtmc import (CODES, DEV_DEP_MSG_IN, DEV_DEP_MSG_OUT, EOM, FAILED, NOT_IN_PROGRESS, READ_STATUS_BYTE, TERM_CHAR, TRIGGER,
                     Refused, Usbtmc, header)
 
@@ -16,20 +16,6 @@ IDENTITY = "Stage Controller"
 # The status byte (IEEE 488.2, 11.2): errors, message available, event status, request for service.
 ERRORS, MAV, ESB, RQS = 4, 16, 32, 64
 NO_ERROR = '0,"No error"'
-
-
-@pytest.fixture
-def board(firmware):
-    board = power_up(firmware)
-    yield board
-    assert board.bus.warnings == [], "the program did what the chip does not take"
-
-
-@pytest.fixture
-def host(board):
-    host = UsbHost(board)
-    host.plug()
-    return host.enumerate()
 
 
 @pytest.fixture
