@@ -155,7 +155,7 @@ stage_emulator() { # The firmware that is flashed, in an emulator of the board
     firmware
     host_sim
     need_venv tests/emulator/requirements.txt
-    "$VENV/bin/pytest" -q -rP -p no:cacheprovider tests/emulator
+    "$VENV/bin/pytest" -q -rP -p no:cacheprovider -n auto tests/emulator
 }
 
 stage_manual() { # docs/COMMANDS.md is what the command tree gives

@@ -67,6 +67,19 @@ def _sum_up():
     lab.BOARDS.clear()
 
 
+def pytest_sessionfinish(session):
+    """One of several processes tells the one that sums up."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["worst"] = _worst
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    worst = getattr(node, "workeroutput", {}).get("worst", _worst)
+    _worst["stack"] = max(_worst["stack"], worst["stack"])
+    _worst["critical"] = max(_worst["critical"], tuple(worst["critical"]))
+
+
 def pytest_terminal_summary(terminalreporter):
     if _worst["stack"]:
         us, _, where = _worst["critical"]
