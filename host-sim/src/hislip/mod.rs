@@ -11,8 +11,8 @@
 //! and in synchronised mode a message that comes before is -410. What no link of this kind can see is a read without a
 //! query (-420).
 //!
-//! Messages are taken as they come and wait in the [`Client`], so that `!` is seen behind whatever waits: a question
-//! that is not answered yet, another client's lock.
+//! Messages are taken as they come and wait in the [`Link`], so that `!` is seen behind whatever waits: a question that
+//! is not answered yet, another client's lock.
 
 mod client;
 mod errors;
