@@ -390,6 +390,23 @@ def test_closed_in_the_middle_of_an_answer_the_next_one_hears_his_own(board, hos
     assert last_errors(port) == []
 
 
+@pytest.mark.parametrize("how", ["close", "reset"])
+def test_what_the_device_had_no_room_for_is_not_heard_as_the_next_ones(board, host, how):
+    port = CdcPort(host).open(read=False)
+    sent = host.start_out(port.output, b"*IDN?;NONSENSE\n" * 200)
+    board.run(200_000)
+    assert not sent.done, "nobody reads: packets wait at the endpoint"
+    host.cancel(sent)
+    if how == "close":
+        port.close()
+    else:
+        host.reset()
+        port = CdcPort(host.enumerate())
+    port.open()
+    assert port.ask("*ESE 17;*ESE?") == "17"
+    assert last_errors(port) == []
+
+
 def test_a_packet_in_the_moment_of_a_reset_is_not_kept_for_the_next_one(host, port):
     port.write("NONSENSE")
     host.reset()

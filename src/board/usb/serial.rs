@@ -110,8 +110,9 @@ impl Lines {
                 self.shared.events.open();
             } else {
                 self.shared.events.close();
-                otg::recall((SERIAL_IN & 0xf).into());
             }
+            // an answer to the one before: also to what came of him behind his leave
+            otg::recall((SERIAL_IN & 0xf).into());
         }
     }
 
