@@ -55,6 +55,14 @@ struct Client {
     gone: bool,
 }
 
+impl Client {
+    /// It is not there to hear anything more.
+    fn deafen(&mut self) {
+        self.leaving = true;
+        self.stream.deafen();
+    }
+}
+
 struct Terminal {
     stream: Stream<Pty>,
     /// Its link while somebody has it open.
@@ -216,8 +224,8 @@ impl Station {
     }
 
     fn read(&mut self, now_ms: u64) {
-        let Station { board, links, clients, pty, buses, .. } = self;
-        clients.retain_mut(|client| {
+        let Station { board, links, clients, pty, .. } = self;
+        for client in clients {
             let state = client.stream.fill();
             client.stream.offer(|bytes| links.receive(client.link, bytes, now_ms));
             match state {
@@ -229,17 +237,10 @@ impl Station {
                 }
                 State::Open => {}
                 State::Ended => client.leaving = true,
-                // a reset by our answers to somebody who has sent all and closed
-                State::Gone if client.leaving => client.stream.deafen(),
-                State::Gone => {
-                    // what came before the reset is still executed, if it can be without waiting
-                    execute(links, buses, &mut board.front, now_ms);
-                    links.close(client.link, &mut board.front);
-                    return false;
-                }
+                // also by our answers to somebody who has sent all and closed: what has come is still executed
+                State::Gone => client.deafen(),
             }
-            true
-        });
+        }
         if let Some(Terminal { stream, link, leaving }) = pty {
             // what the next one writes waits in the kernel until the link is free
             let state = if *leaving { State::Open } else { stream.fill() };
@@ -284,16 +285,13 @@ impl Station {
     }
 
     fn write(&mut self) {
-        let Station { board, links, clients, pty, .. } = self;
-        clients.retain_mut(|client| {
-            let state = client.stream.drain(|to| links.transmit(client.link, to));
+        let Station { links, clients, pty, .. } = self;
+        for client in clients {
             // an end is seen by the read that has taken everything in front of it
-            let gone = state == State::Gone && !client.leaving;
-            if gone {
-                links.close(client.link, &mut board.front);
+            if client.stream.drain(|to| links.transmit(client.link, to)) == State::Gone {
+                client.deafen();
             }
-            !gone
-        });
+        }
         if let Some(Terminal { stream, link: Some(n), .. }) = pty {
             // a hang-up is seen by the next read
             let _ = stream.drain(|to| links.transmit(*n, to));
