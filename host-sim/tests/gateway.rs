@@ -287,6 +287,59 @@ fn a_jog_ends_when_its_client_goes_and_not_when_another_one_does() {
     }
 }
 
+#[test]
+fn who_has_begun_no_jog_ends_none_however_its_lines_end() {
+    for other in ["++eoi 0\n++eos 2\n*ESE 1\n", "++eoi 0\n++eos 0\nPOSE?\n++read eoi\n", "++spoll\n++eoi 0\n++read\n"] {
+        let mut bench = Several::new(2);
+        bench.send(0, "SYST:JOG:TIM 3600;:AXIS1:MOVE:JOG 100\n");
+        bench.send(1, other);
+        bench.bus.pass(100);
+        bench.hang_up(1);
+        bench.bus.pass(400);
+        assert!(bench.bus.boards[0].front.is_moving(), "{other:?}");
+        bench.send(1, other);
+        bench.hang_up(0);
+        bench.bus.pass(400);
+        assert!(!bench.bus.boards[0].front.is_moving(), "{other:?}");
+    }
+}
+
+#[test]
+fn jogs_of_two_clients_end_with_the_first_of_them_that_goes() {
+    for goes in [0, 1] {
+        let mut bench = Several::new(2);
+        bench.send(0, "SYST:JOG:TIM 3600;:AXIS1:MOVE:JOG 100\n");
+        bench.send(1, "AXIS2:MOVE:JOG 100\n");
+        bench.bus.pass(200);
+        assert!(bench.bus.boards[0].front.is_moving());
+        bench.hang_up(goes);
+        bench.bus.pass(400);
+        assert!(!bench.bus.boards[0].front.is_moving(), "client {goes} has gone");
+        // who stays has its next one to itself, and it ends with it
+        bench.send(1 - goes, "AXIS1:MOVE:JOG 100\n");
+        bench.send(goes, "*ESE 1\n");
+        bench.hang_up(goes);
+        bench.bus.pass(200);
+        assert!(bench.bus.boards[0].front.is_moving());
+        bench.hang_up(1 - goes);
+        bench.bus.pass(400);
+        assert!(!bench.bus.boards[0].front.is_moving());
+    }
+}
+
+#[test]
+fn a_jog_whose_name_comes_in_two_lines_ends_with_its_client() {
+    let mut bench = Several::new(2);
+    bench.send(0, "++eoi 0\nSYST:JOG:TIM 3600\n++eoi 1\n;\n");
+    bench.hang_up(0);
+    bench.send(0, "++eoi 0\nAXIS1:MOVE:J\n++eoi 1\nOG 100\n");
+    bench.bus.pass(200);
+    assert!(bench.bus.boards[0].front.is_moving());
+    bench.hang_up(0);
+    bench.bus.pass(400);
+    assert!(!bench.bus.boards[0].front.is_moving());
+}
+
 /// Several clients on one bus.
 struct Several {
     bus: Bench3,
