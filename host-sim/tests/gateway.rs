@@ -4,7 +4,7 @@
 mod lab;
 
 use host_sim::board::Seeded;
-use host_sim::gpib::Gateway;
+use host_sim::gpib::{Bus, Gateway};
 use lab::Bench3;
 use std::time::Duration;
 
@@ -338,6 +338,33 @@ fn a_jog_whose_name_comes_in_two_lines_ends_with_its_client() {
     bench.hang_up(0);
     bench.bus.pass(400);
     assert!(!bench.bus.boards[0].front.is_moving());
+}
+
+#[test]
+fn a_jog_that_waits_for_something_else_ends_when_it_begins_without_its_client() {
+    let waits = "SYST:JOG:TIM 3600;:AXIS2:MOVE 1;*WAI\nAXIS1:MOVE:JOG 100\n";
+    // another client waits behind it, or not
+    for other in ["++ver\n", "*ESE?\n++read eoi\n"] {
+        let mut bench = Several::new(2);
+        bench.send(0, waits);
+        bench.send(1, "++read_tmo_ms 3000\n".to_owned() + other);
+        bench.hang_up(0);
+        let mut segments = 0;
+        while bench.bus.moves() || bench.gateways[1].is_busy() {
+            bench.bus.pass(1);
+            bench.bus.end_late_jogs(bench.wall);
+            bench.turn(1);
+            segments += 1;
+            assert!(segments < 20_000, "it goes on");
+        }
+        // behind it the next jog is let alone
+        bench.send(1, "AXIS1:MOVE:JOG 100\n");
+        for _ in 0..200 {
+            bench.bus.pass(1);
+            bench.bus.end_late_jogs(bench.wall);
+        }
+        assert!(bench.bus.boards[0].front.is_moving());
+    }
 }
 
 /// Several clients on one bus.

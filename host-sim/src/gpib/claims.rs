@@ -21,6 +21,8 @@ struct Claim {
     writer: Option<Id>,
     /// Who has sent what may have begun a jog. The instrument cannot tell their jogs apart: all are of one link.
     joggers: Vec<Id>,
+    /// One of them has gone, and what it has sent may not be done.
+    late_jogs: bool,
     clears: u64,
 }
 
@@ -91,11 +93,22 @@ impl Claims {
         self.at.iter().filter(|(_, claim)| claim.joggers.contains(&who)).map(|(address, _)| *address).collect()
     }
 
+    /// Where a jog may begin whose client has gone.
+    pub(super) fn late_jogs(&self) -> Vec<u8> {
+        self.at.iter().filter(|(_, claim)| claim.late_jogs).map(|(address, _)| *address).collect()
+    }
+
+    /// All is done there that was sent by who has gone.
+    pub(super) fn no_late_jogs(&mut self, address: u8) {
+        self.claim(address).late_jogs = false;
+    }
+
     /// A client has gone; where it has sent last.
     pub(super) fn forget(&mut self, who: Id) -> Vec<u8> {
         let mut wrote = Vec::new();
         for (address, claim) in &mut self.at {
             claim.owner = claim.owner.filter(|(owner, _)| *owner != who);
+            claim.late_jogs |= claim.joggers.contains(&who);
             claim.joggers.retain(|jogger| *jogger != who);
             if claim.writer == Some(who) {
                 claim.writer = None;
