@@ -4,7 +4,7 @@
 mod lab;
 
 use host_sim::board::Seeded;
-use host_sim::gpib::Gateway;
+use host_sim::gpib::{Bus, Gateway};
 use lab::Bench3;
 use std::time::Duration;
 
@@ -284,6 +284,86 @@ fn a_jog_ends_when_its_client_goes_and_not_when_another_one_does() {
         bench.hang_up(1);
         bench.bus.pass(400);
         assert!(!bench.bus.boards[0].front.is_moving());
+    }
+}
+
+#[test]
+fn who_has_begun_no_jog_ends_none_however_its_lines_end() {
+    for other in ["++eoi 0\n++eos 2\n*ESE 1\n", "++eoi 0\n++eos 0\nPOSE?\n++read eoi\n", "++spoll\n++eoi 0\n++read\n"] {
+        let mut bench = Several::new(2);
+        bench.send(0, "SYST:JOG:TIM 3600;:AXIS1:MOVE:JOG 100\n");
+        bench.send(1, other);
+        bench.bus.pass(100);
+        bench.hang_up(1);
+        bench.bus.pass(400);
+        assert!(bench.bus.boards[0].front.is_moving(), "{other:?}");
+        bench.send(1, other);
+        bench.hang_up(0);
+        bench.bus.pass(400);
+        assert!(!bench.bus.boards[0].front.is_moving(), "{other:?}");
+    }
+}
+
+#[test]
+fn jogs_of_two_clients_end_with_the_first_of_them_that_goes() {
+    for goes in [0, 1] {
+        let mut bench = Several::new(2);
+        bench.send(0, "SYST:JOG:TIM 3600;:AXIS1:MOVE:JOG 100\n");
+        bench.send(1, "AXIS2:MOVE:JOG 100\n");
+        bench.bus.pass(200);
+        assert!(bench.bus.boards[0].front.is_moving());
+        bench.hang_up(goes);
+        bench.bus.pass(400);
+        assert!(!bench.bus.boards[0].front.is_moving(), "client {goes} has gone");
+        // who stays has its next one to itself, and it ends with it
+        bench.send(1 - goes, "AXIS1:MOVE:JOG 100\n");
+        bench.send(goes, "*ESE 1\n");
+        bench.hang_up(goes);
+        bench.bus.pass(200);
+        assert!(bench.bus.boards[0].front.is_moving());
+        bench.hang_up(1 - goes);
+        bench.bus.pass(400);
+        assert!(!bench.bus.boards[0].front.is_moving());
+    }
+}
+
+#[test]
+fn a_jog_whose_name_comes_in_two_lines_ends_with_its_client() {
+    let mut bench = Several::new(2);
+    bench.send(0, "++eoi 0\nSYST:JOG:TIM 3600\n++eoi 1\n;\n");
+    bench.hang_up(0);
+    bench.send(0, "++eoi 0\nAXIS1:MOVE:J\n++eoi 1\nOG 100\n");
+    bench.bus.pass(200);
+    assert!(bench.bus.boards[0].front.is_moving());
+    bench.hang_up(0);
+    bench.bus.pass(400);
+    assert!(!bench.bus.boards[0].front.is_moving());
+}
+
+#[test]
+fn a_jog_that_waits_for_something_else_ends_when_it_begins_without_its_client() {
+    let waits = "SYST:JOG:TIM 3600;:AXIS2:MOVE 1;*WAI\nAXIS1:MOVE:JOG 100\n";
+    // another client waits behind it, or not
+    for other in ["++ver\n", "*ESE?\n++read eoi\n"] {
+        let mut bench = Several::new(2);
+        bench.send(0, waits);
+        bench.send(1, "++read_tmo_ms 3000\n".to_owned() + other);
+        bench.hang_up(0);
+        let mut segments = 0;
+        while bench.bus.moves() || bench.gateways[1].is_busy() {
+            bench.bus.pass(1);
+            bench.bus.end_late_jogs(bench.wall);
+            bench.turn(1);
+            segments += 1;
+            assert!(segments < 20_000, "it goes on");
+        }
+        // behind it the next jog is let alone
+        bench.send(1, "AXIS1:MOVE:JOG 100\n");
+        for _ in 0..200 {
+            bench.bus.pass(1);
+            bench.bus.end_late_jogs(bench.wall);
+        }
+        assert!(bench.bus.boards[0].front.is_moving());
     }
 }
 

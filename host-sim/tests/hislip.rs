@@ -1,6 +1,8 @@
 //! HiSLIP before a board and a power meter, without sockets: what any client may do to it.
 
 mod lab;
+#[path = "lab/pieces.rs"]
+mod pieces;
 
 use host_sim::board::Seeded;
 use host_sim::control::Hand;
@@ -9,6 +11,7 @@ use host_sim::hislip::{Channel, Fatal, Frame, Frames, Kind, Link, Locks, Over};
 use host_sim::server::{OnHislip, Served};
 use lab::Bench3;
 use mio::Poll;
+use pieces::PIECES;
 use stage_controller::scpi::exchange::Exchange;
 use stage_controller::scpi::session::Session;
 use std::collections::BTreeMap;
@@ -230,24 +233,6 @@ fn a_question_before_the_answer_is_said_to_be_read_is_the_error_of_the_standard(
 
 #[test]
 fn no_client_wedges_a_link() {
-    const PIECES: [&[u8]; 16] = [
-        b"*ESE?",
-        b"*IDN?\n",
-        b"*ESE?;*SRE?\n",
-        b"*SRE 48;*ESE 255",
-        b"FOO",
-        b";",
-        b"\n",
-        b"COMP:LOAD #15ab",
-        b"'",
-        b"COMP:DATA?",
-        b"*IDN?;*ESE?",
-        b"\x18",
-        b"\n!\n",
-        b"*OPC?",
-        b"SYST:VERS?",
-        b"AXIS1:VEL?;*WAI",
-    ];
     let (mut link, mut random, mut seen) = (Caller::new(), Seeded::new(4880), BTreeMap::new());
     let mut count = |kind: &'static str, more: usize| *seen.entry(kind).or_insert(0) += more;
     for sequence in 0..SEQUENCES {

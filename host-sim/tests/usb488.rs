@@ -2,11 +2,14 @@
 
 #[path = "../../src/usb488/tests/host/mod.rs"]
 mod host;
+#[path = "lab/pieces.rs"]
+mod pieces;
 
 use host::{BULK_IN, BULK_OUT, Bench, Trouble, Usb, message_out, request_in};
 use host_sim::board::{Board, Interleaving, Seeded};
 use host_sim::machine::Machine;
 use host_sim::session::power_up;
+use pieces::PIECES;
 use stage_controller::scpi::exchange::{Attached, Control, Exchange};
 use stage_controller::scpi::session::Session;
 use stage_usb488::Interface;
@@ -333,25 +336,6 @@ impl Abuser {
 
     /// One thing.
     fn act(&mut self, usb: &mut Usb<Stage>) {
-        const PIECES: [&[u8]; 17] = [
-            b"*ESE?",
-            b"*IDN?\n",
-            b"*ESE?;*SRE?\n",
-            b"*SRE 48;*ESE 255",
-            b"FOO",
-            b";",
-            b"\n",
-            b"COMP:LOAD #15ab",
-            b"'",
-            b"COMP:DATA?",
-            b"*IDN?;*ESE?",
-            b"\x18",
-            b"\n!\n",
-            b"*OPC?",
-            b"SYST:VERS?",
-            b"AXIS1:VEL?;*WAI",
-            b"*STB?;*ESR?;*SRE?;*ESE?;*SRE?;*ESE?;*SRE?;*ESE?;*SRE?;*ESE?;*SRE?;*ESE?;*SRE?;*ESE?;*SRE?;*ESE?",
-        ];
         let piece = PIECES[self.below(PIECES.len())];
         let tag = usb.tag.wrapping_add(self.below(3) as u8);
         match self.below(26) {

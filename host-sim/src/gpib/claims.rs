@@ -13,14 +13,16 @@ use std::time::Duration;
 pub(super) struct Id(u64);
 
 /// Of one instrument.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct Claim {
     /// Who has it, and until when; none: until that ends.
     owner: Option<(Id, Option<Duration>)>,
     /// Who has sent to it last.
     writer: Option<Id>,
-    /// Whose line was the last one that may have begun a jog.
-    jogger: Option<Id>,
+    /// Who has sent what may have begun a jog. The instrument cannot tell their jogs apart: all are of one link.
+    joggers: Vec<Id>,
+    /// One of them has gone, and what it has sent may not be done.
+    late_jogs: bool,
     clears: u64,
 }
 
@@ -64,8 +66,8 @@ impl Claims {
     pub(super) fn wrote(&mut self, address: u8, who: Id, jogs: bool) {
         let claim = self.claim(address);
         claim.writer = Some(who);
-        if jogs {
-            claim.jogger = Some(who);
+        if jogs && !claim.joggers.contains(&who) {
+            claim.joggers.push(who);
         }
     }
 
@@ -86,9 +88,19 @@ impl Claims {
         self.at.get(&address).map_or(0, |claim| claim.clears)
     }
 
-    /// Where a client has the jog.
+    /// Where a client may have begun a jog.
     pub(super) fn jogs(&self, who: Id) -> Vec<u8> {
-        self.at.iter().filter(|(_, claim)| claim.jogger == Some(who)).map(|(address, _)| *address).collect()
+        self.at.iter().filter(|(_, claim)| claim.joggers.contains(&who)).map(|(address, _)| *address).collect()
+    }
+
+    /// Where a jog may begin whose client has gone.
+    pub(super) fn late_jogs(&self) -> Vec<u8> {
+        self.at.iter().filter(|(_, claim)| claim.late_jogs).map(|(address, _)| *address).collect()
+    }
+
+    /// All is done there that was sent by who has gone.
+    pub(super) fn no_late_jogs(&mut self, address: u8) {
+        self.claim(address).late_jogs = false;
     }
 
     /// A client has gone; where it has sent last.
@@ -96,7 +108,8 @@ impl Claims {
         let mut wrote = Vec::new();
         for (address, claim) in &mut self.at {
             claim.owner = claim.owner.filter(|(owner, _)| *owner != who);
-            claim.jogger = claim.jogger.filter(|jogger| *jogger != who);
+            claim.late_jogs |= claim.joggers.contains(&who);
+            claim.joggers.retain(|jogger| *jogger != who);
             if claim.writer == Some(who) {
                 claim.writer = None;
                 wrote.push(*address);

@@ -8,7 +8,7 @@
 //!   and what waits for it in front of them is dropped. All else is done in its order.
 //! - A `!` as the first byte of a line is told to its instrument when it arrives, whatever waits in front of it.
 //! - Several clients control the bus one after the other: `Claims`. When one goes, what it has begun to say and not
-//!   ended is cleared, and the jogs that were its own end.
+//!   ended is cleared; and where it may have begun a jog, all jogs over the gateway end.
 
 use super::claims::Id;
 use super::command::{Address, Command, HELP, Until};
@@ -210,7 +210,7 @@ impl Gateway {
         under_way || self.aborts && self.queue.address() == at || self.queue.aborts(at)
     }
 
-    /// The client sends no more: its jogs end, also those it still begins.
+    /// The client sends no more: where it has begun jogs they end, also those it still begins, and those of others.
     pub fn end_jogs(&mut self, bus: &mut impl Bus) {
         if let Some(id) = self.id {
             bus.claims().jogs(id).into_iter().for_each(|address| bus.release(address));
@@ -336,9 +336,10 @@ impl Gateway {
         }
         if !nobody && line.begun.is_none() {
             line.begun = Some(clears);
-            // the name of every command that begins a jog has it; part of a line may be part of such a name
+            // the name of every command that begins a jog has it; what goes on in the next part or line may cut a name
             let jogs = line.bytes.windows(3).any(|word| word.eq_ignore_ascii_case(b"JOG"));
-            claims.wrote(here.primary, who, jogs || !line.end);
+            let goes_on = !line.end && (!line.whole || self.settings.end().is_empty());
+            claims.wrote(here.primary, who, jogs || goes_on);
         }
         let before = line.sent;
         let done = with(bus, here, wall, |instrument| {

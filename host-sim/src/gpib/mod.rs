@@ -45,6 +45,8 @@ pub trait Instrument {
     fn write(&mut self, bytes: &[u8], end: bool) -> usize;
     /// Asks for bytes of an answer.
     fn read(&mut self, to: &mut [u8]) -> Read;
+    /// Something is executed, or waits to be.
+    fn is_busy(&mut self) -> bool;
     /// Nothing is executed and no answer waits.
     fn is_idle(&mut self) -> bool;
     /// An answer waits, or is being made: what is sent now interrupts it.
@@ -83,6 +85,18 @@ pub trait Bus {
     fn release(&mut self, address: u8);
     /// Who of several clients has which instrument.
     fn claims(&mut self) -> &mut Claims;
+
+    /// Ends jogs that begin when their client has gone already, for they have waited for something else. To be called
+    /// in every round, `wall` time since the start.
+    fn end_late_jogs(&mut self, wall: Duration) {
+        for address in self.claims().late_jogs() {
+            let waits = self.instrument(address, wall).is_some_and(|mut instrument| instrument.is_busy());
+            self.release(address);
+            if !waits {
+                self.claims().no_late_jogs(address);
+            }
+        }
+    }
 }
 
 /// Instruments by their places, 0, 1, ..., of which every client has a link of its own.
@@ -125,6 +139,11 @@ impl<D: Device, P: FnMut(&mut D, &mut dyn FnMut(u8)) -> bool> Instrument for Wir
         let read = self.exchange.read(self.device, to);
         self.poll();
         read
+    }
+
+    fn is_busy(&mut self) -> bool {
+        self.poll();
+        self.device.is_busy()
     }
 
     fn is_idle(&mut self) -> bool {

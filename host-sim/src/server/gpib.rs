@@ -230,6 +230,7 @@ impl<S: Served + Bus> OnBus<S> {
     fn round(&mut self, wall: Duration) -> bool {
         self.accept(wall);
         self.hear(wall);
+        self.served.end_late_jogs(wall);
         self.clients.iter().any(|client| client.gateway.is_busy() || client.stream.has_input() || client.leaving)
     }
 }

@@ -74,14 +74,6 @@ impl RemoteLocal {
             Control::LocalWithLockout | Control::RemoteWithLockout => Control::LocalWithLockout,
         };
     }
-
-    /// The front panel wants the controls (the local message `rtl`); says whether it has them now.
-    pub const fn return_to_local(&mut self) -> bool {
-        if matches!(self.control, Control::Remote) {
-            self.control = Control::Local;
-        }
-        !matches!(self.control, Control::RemoteWithLockout)
-    }
 }
 
 #[cfg(test)]
@@ -103,14 +95,11 @@ mod tests {
     }
 
     #[test]
-    fn a_device_that_listens_is_remote_until_the_panel_or_the_bus_takes_that_back() {
+    fn a_device_that_listens_is_remote_until_the_bus_takes_that_back() {
         let mut state = enabled();
         assert_eq!(state.control(), Control::Local);
         state.listens();
         assert_eq!(state.control(), Control::Remote);
-        assert!(state.return_to_local());
-        assert_eq!(state.control(), Control::Local);
-        state.listens();
         state.go_to_local();
         assert_eq!(state.control(), Control::Local);
     }
@@ -120,10 +109,8 @@ mod tests {
         let mut state = enabled();
         state.lock_out();
         assert_eq!(state.control(), Control::LocalWithLockout);
-        assert!(state.return_to_local());
         state.listens();
         assert_eq!(state.control(), Control::RemoteWithLockout);
-        assert!(!state.return_to_local());
         state.go_to_local();
         assert_eq!(state.control(), Control::LocalWithLockout);
         state.listens();
