@@ -123,7 +123,7 @@ impl Interface {
 
     /// A packet may come: bulk OUT is to be read.
     const fn wants_packet(&self) -> bool {
-        self.drain || self.halted || !self.clear && !self.abandon && self.receive.is_free()
+        self.drain || self.halted || !self.clear && !self.abandon && !self.send.is_unseen() && self.receive.is_free()
     }
 
     /// A packet has come; true when bulk OUT is to be halted for it.
@@ -167,8 +167,8 @@ impl Interface {
             self.abandon = false;
             any = true;
         }
-        if self.abandon && instrument.abandon() {
-            self.abandon = false;
+        if core::mem::take(&mut self.abandon) {
+            instrument.abandon();
             any = true;
         }
         while let Some(panel) = self.panels.pop() {

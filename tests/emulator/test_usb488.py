@@ -311,6 +311,54 @@ def test_an_exclamation_mark_stops_a_move(board, instrument):
     assert 0 < stopped[0] < 800 * 20
 
 
+def stops_at_once(board, instrument, follower):
+    """`!` reaches a motion that is under way, behind whatever was done to the link."""
+    assert follower.look()[0] < 400, "it would go on to 800 for 16 seconds"
+    instrument.write("!\n", timeout_us=20_000)
+    board.run(30_000)
+    stopped = list(follower.look())
+    board.run(50_000)
+    assert follower.look() == stopped == counts(board)
+    assert stopped[0] < 800
+    assert errors(instrument) == []
+
+
+@pytest.mark.parametrize("size", (52, 308, 692))
+def test_an_exclamation_mark_is_heard_behind_an_abort_while_a_message_waits(board, host, instrument, size):
+    enable_all(board)
+    follower = Follower(board)
+    instrument.write("AXIS1:VEL 50;MOVE 800;*WAI\n")
+    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
+    instrument.tag = 7
+    message = b"NONSENSE;" * 5 + b"NONSENS" + b"X" * (size - 52)
+    transfer = host.start_out(instrument.output, header(DEV_DEP_MSG_OUT, 7, 1000, EOM) + message)
+    board.run(5000)
+    assert transfer.done == (size < 500), "512 bytes find room"
+    if not transfer.done:
+        host.cancel(transfer)
+    assert instrument.abort_out(7) >= min(size, 500)
+    stops_at_once(board, instrument, follower)
+
+
+def test_an_exclamation_mark_is_heard_behind_a_halt_while_a_message_waits(board, host, instrument):
+    enable_all(board)
+    follower = Follower(board)
+    instrument.write("AXIS1:VEL 50;MOVE 800;*WAI\n")
+    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
+    host.bulk_out(instrument.output, header(DEV_DEP_MSG_OUT, 1, 1000, EOM) + b"NONSENSE;" * 7)
+    board.run(3000)
+    assert host.halted(instrument.output), "a short packet, and it has not all that was announced"
+    host.clear_halt(instrument.output)
+    stops_at_once(board, instrument, follower)
+
+
+def test_a_request_without_a_question_is_an_error_whatever_follows_at_once(board, host, instrument):
+    host.start_out(instrument.output, header(DEV_DEP_MSG_IN, 1, 100))
+    host.bulk_out(instrument.output, header(DEV_DEP_MSG_OUT, 2, 8, EOM) + b"*ESE 3\n ")
+    instrument.tag = 2
+    assert errors(instrument) == [-420]
+
+
 def test_unplugged_in_the_middle_of_an_answer_the_next_one_hears_his_own(board, host):
     instrument = Usbtmc(host)
     instrument.write("*ESE?;" * 60 + "*ESE?\n")
