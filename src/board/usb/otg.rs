@@ -1,4 +1,7 @@
 //! What the HAL's driver of OTG_FS cannot do: halt an endpoint, take a packet back, begin with DATA0 (RM0090, 34.17).
+//!
+//! EPENA can only be set, not cleared, by a write (RM0090, 34.16.4): what was read of it is not written back, but with
+//! EPDIS, or a packet that the host has fetched in between would be sent again.
 
 use embassy_stm32::pac::USB_OTG_FS;
 use embassy_usb::driver::{Direction, EndpointAddress};
@@ -13,8 +16,14 @@ pub fn begin_with_data0(endpoint: EndpointAddress) {
     let n = endpoint.index();
     critical_section::with(|_| match (n, endpoint.is_in()) {
         (0, _) => {}
-        (_, true) => USB_OTG_FS.diepctl(n).modify(|w| w.set_sd0pid_sevnfrm(true)),
-        (_, false) => USB_OTG_FS.doepctl(n).modify(|w| w.set_sd0pid_sevnfrm(true)),
+        (_, true) => USB_OTG_FS.diepctl(n).modify(|w| {
+            w.set_epena(false);
+            w.set_sd0pid_sevnfrm(true);
+        }),
+        (_, false) => USB_OTG_FS.doepctl(n).modify(|w| {
+            w.set_epena(false);
+            w.set_sd0pid_sevnfrm(true);
+        }),
     });
 }
 
@@ -31,7 +40,12 @@ pub fn begin() {
 
 /// Bulk OUT answers with STALL from now on.
 pub fn halt_out(n: usize) {
-    critical_section::with(|_| USB_OTG_FS.doepctl(n).modify(|w| w.set_stall(true)));
+    critical_section::with(|_| {
+        USB_OTG_FS.doepctl(n).modify(|w| {
+            w.set_epena(false);
+            w.set_stall(true);
+        });
+    });
 }
 
 /// An IN endpoint has no packet: the host has fetched it.
@@ -50,7 +64,10 @@ pub fn recall(n: usize) -> bool {
         if is_empty(n) {
             return true;
         }
-        control.modify(|w| w.set_snak(true));
+        control.modify(|w| {
+            w.set_epena(false);
+            w.set_snak(true);
+        });
         until(&|| usb.diepint(n).read().inepne() || is_empty(n));
         if is_empty(n) {
             return true;
@@ -74,6 +91,7 @@ pub fn recall(n: usize) -> bool {
 pub fn deactivate_out(n: usize) {
     critical_section::with(|_| {
         USB_OTG_FS.doepctl(n).modify(|w| {
+            w.set_epena(false);
             w.set_snak(true);
             w.set_usbaep(false);
         });
