@@ -4,7 +4,7 @@
 //! EPDIS, or a packet that the host has fetched in between would be sent again.
 
 use embassy_stm32::pac::USB_OTG_FS;
-use embassy_usb::driver::{Direction, EndpointAddress};
+use embassy_usb::driver::EndpointAddress;
 
 /// Endpoints each way, with endpoint 0 (RM0090, 34.1).
 pub const ENDPOINTS: usize = 4;
@@ -25,17 +25,6 @@ pub fn begin_with_data0(endpoint: EndpointAddress) {
             w.set_sd0pid_sevnfrm(true);
         }),
     });
-}
-
-/// A new configuration: nothing of what was stands at the IN endpoints, where it would stand for ever, and all begin with
-/// DATA0 (USB 2.0, 9.1.1.5).
-pub fn begin() {
-    for n in 1..ENDPOINTS {
-        recall(n);
-        for direction in [Direction::In, Direction::Out] {
-            begin_with_data0(EndpointAddress::from_parts(n, direction));
-        }
-    }
 }
 
 /// Bulk OUT answers with STALL from now on.
