@@ -313,6 +313,23 @@ def test_an_exclamation_mark_stops_a_move(board, instrument):
     assert 0 < stopped[0] < 800 * 20
 
 
+def test_an_exclamation_mark_behind_a_clear_is_heard_before_the_host_has_checked(board, host, instrument):
+    enable_all(board)
+    follower = Follower(board)
+    instrument.write("AXIS1:VEL 50;MOVE 800;*WAI\n")
+    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
+    assert list(host.control_in(CLASS | INTERFACE, 5, 0, instrument.interface, 1)) == [1], "INITIATE_CLEAR"
+    instrument.write("!\n", timeout_us=20_000)
+    board.run(30_000)
+    assert list(host.control_in(CLASS | INTERFACE, 6, 0, instrument.interface, 2)) in ([1, 0], [0x82, 0]), "CHECK_CLEAR_STATUS"
+    host.clear_halt(instrument.output)
+    board.run(10_000)
+    stopped = list(follower.look())
+    board.run(50_000)
+    assert follower.look() == stopped == counts(board)
+    assert errors(instrument) == []
+
+
 def stops_at_once(board, instrument, follower):
     """`!` reaches a motion that is under way, behind whatever was done to the link."""
     assert follower.look()[0] < 400, "it would go on to 800 for 16 seconds"

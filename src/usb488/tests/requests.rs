@@ -227,6 +227,29 @@ fn clear_reads_away_what_was_on_its_way() {
 }
 
 #[test]
+fn an_exclamation_mark_behind_a_clear_is_heard_before_the_host_has_checked() {
+    for (packet, heard) in [
+        (message_out(7, b"!\n", true), true),
+        (message_out(7, b"!", true), true),
+        (message_out(7, b"x!\n", true), false),
+        (message_out(7, b"", true), false),
+        (b"no header 12!".to_vec(), false),
+    ] {
+        let mut usb = usb();
+        usb.write(b"work").unwrap();
+        usb.bench.work = 5;
+        assert_eq!(usb.of_interface(request::INITIATE_CLEAR, 0), [status::SUCCESS]);
+        usb.wire.out = Some(packet.clone());
+        usb.settle();
+        assert_eq!(usb.of_interface(request::CHECK_CLEAR_STATUS, 0), [status::SUCCESS, 0]);
+        usb.clear_halt();
+        let expected: &[&str] = if heard { &["work", "!\n"] } else { &["work"] };
+        assert_eq!(usb.bench.messages, expected, "{packet:?}");
+        assert_eq!(usb.query("next?").as_deref(), Ok("next?"));
+    }
+}
+
+#[test]
 fn the_status_byte_comes_as_a_notification_under_its_tag() {
     let mut usb = usb();
     usb.bench.status = 0x24;
