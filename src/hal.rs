@@ -52,6 +52,9 @@ pub enum PortEvent {
     Opened,
     /// Nobody is there any more.
     Closed,
+    /// Who is there sleeps, or his cable is out, which looks the same (USB 2.0, 7.1.7.6): nobody watches a jog. All
+    /// else stays, for he may wake up.
+    Asleep,
     /// BREAK: the input so far is to be forgotten.
     Break,
     /// Bytes were lost: they came faster than they were taken.

@@ -138,7 +138,7 @@ impl<'a, const N: usize> Controller<'a, N> {
             any = true;
             self.happened(n, event, now_ms);
             #[cfg(feature = "bus")]
-            {
+            if event != PortEvent::Asleep {
                 self.exchanges[n] = self.open[n].and_then(|_| port.bus()).map(|_| Exchange::new());
             }
         }
@@ -178,6 +178,7 @@ impl<'a, const N: usize> Controller<'a, N> {
                 self.links.close(link, self.front);
                 self.open[n] = None;
             }
+            (PortEvent::Asleep, Some(link)) => self.front.end_jogs(link as u8),
             (PortEvent::Break, Some(link)) => self.links.clear(link),
             (PortEvent::Overrun, Some(link)) => {
                 self.lost(n, link, Error::text(ErrorNumber::InputBufferOverrun, "bytes were lost"), now_ms);

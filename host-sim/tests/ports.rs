@@ -355,6 +355,23 @@ fn a_pc_that_goes_away_in_mid_line_leaves_nothing_behind() {
 }
 
 #[test]
+fn a_pc_that_falls_asleep_jogs_no_more_and_wakes_up_to_what_it_had() {
+    scene(|mut s| {
+        s.wires[1].type_in("*ESE 7;:SYST:JOG:TIM 60\nAXIS1:MOVE:JOG 1\nAXIS2:MOVE 3\n");
+        s.turns(200);
+        let here = s.ask(0, "AXIS1:POS?\n");
+        s.turns(2_000);
+        assert_ne!(s.ask(0, "AXIS1:POS?\n"), here, "it jogs");
+        s.wires[1].events.push_back(PortEvent::Asleep);
+        s.turns(20_000);
+        let there = s.ask(0, "AXIS1:POS?\n");
+        s.turns(5_000);
+        assert_eq!(s.ask(0, "AXIS1:POS?\n"), there);
+        assert_eq!(s.ask(1, "*ESE?;:AXIS2:POS?\n"), "7;3.000\n");
+    });
+}
+
+#[test]
 fn a_break_clears_what_came_and_no_more() {
     scene(|mut s| {
         s.wires[0].type_in("AXIS1:MOVE 99");

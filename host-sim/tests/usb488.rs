@@ -288,6 +288,80 @@ fn a_message_that_is_aborted_at_any_packet_is_not_executed() {
     }
 }
 
+/// A transfer that does not end, at each of its packets: the second holds a line end, a `!` that is none, and a block.
+fn broken_off() -> Vec<u8> {
+    let lines = ["*ESE 7;", &"*ESE 7;".repeat(6), "\n*ESE 8\nCOMP:LOAD #3100\n!\n", &"x".repeat(30)].concat();
+    message_out(9, &[lines.as_bytes(), &[b'y'; 400]].concat(), true)
+}
+
+/// `!` stops a motion that `stop` has left alone.
+fn stops_at_once(usb: &mut Usb<Stage>) {
+    assert!(usb.bench.board.front.operation_pending());
+    usb.write(b"!\n").unwrap();
+    usb.rest();
+    let position: f64 = usb.query("AXIS1:POS?").unwrap().trim().parse().unwrap();
+    assert!(position < 40.0, "{position}: it was heard late");
+}
+
+#[test]
+fn an_abort_behind_a_message_that_waits_is_done_at_once_and_what_comes_next_is_heard() {
+    for packets in 1..=8 {
+        let mut usb = usb();
+        usb.write(b"AXIS1:VEL 50;MOVE 800;*WAI;*ESE 1").unwrap();
+        for packet in broken_off().chunks(64).take(packets) {
+            usb.put(packet).unwrap();
+        }
+        usb.settle();
+        let taken = usb.abort_out(9).unwrap();
+        assert_eq!(taken as usize, packets * 64 - 12);
+        stops_at_once(&mut usb);
+        let expected = if packets < 2 { "7\n" } else { "8\n" };
+        assert_eq!(usb.query("*ESE?").unwrap(), expected, "whole messages stand, and only those: {packets}");
+        assert_eq!(usb.errors(), [0; 0]);
+    }
+}
+
+#[test]
+fn an_abort_gives_back_the_room_of_all_that_was_not_whole() {
+    let mut usb = usb();
+    usb.write(b"AXIS1:VEL 50;MOVE 800;*WAI;*ESE 1").unwrap();
+    usb.write(b"*ESE 2").unwrap();
+    // a motion under way does not end at once
+    usb.settle();
+    (0..1000).for_each(|_| assert!(usb.bench.pass()));
+    let transfer =
+        message_out(9, &[&b"*ESE 3\n"[..], &b"*ESE 4;".repeat(71), &b"\n!\n*ESE 5;".repeat(40)].concat(), true);
+    let taken = transfer.chunks(64).take_while(|packet| {
+        usb.settle();
+        usb.wire.out.is_none() && usb.put(packet).is_ok()
+    });
+    assert!(taken.count() < 12, "most of it finds no room");
+    usb.abort_out(9).unwrap();
+    usb.rest();
+    assert_eq!(
+        usb.query("*ESE?;AXIS1:MOVE 1;*OPC?;:AXIS1:POS?").unwrap(),
+        "4;1;1.000\n",
+        "nothing is aborted any more"
+    );
+}
+
+#[test]
+fn an_exclamation_mark_is_heard_behind_a_halt_that_was_cleared_while_a_message_waits() {
+    for packets in 1..=3 {
+        let mut usb = usb();
+        usb.write(b"AXIS1:VEL 50;MOVE 800;*WAI;*ESE 1").unwrap();
+        for packet in broken_off().chunks(64).take(packets) {
+            usb.put(packet).unwrap();
+        }
+        usb.put(b"short").unwrap();
+        usb.settle();
+        assert!(usb.wire.halted);
+        usb.clear_halt();
+        stops_at_once(&mut usb);
+        assert_eq!(usb.errors(), [0; 0]);
+    }
+}
+
 #[test]
 fn a_trigger_is_trg() {
     let mut usb = usb();

@@ -12,12 +12,13 @@ pub static ARRIVED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 pub struct Events {
     closed: Cell<bool>,
     opened: Cell<bool>,
+    asleep: Cell<bool>,
 }
 
 impl Events {
     /// None.
     pub const fn new() -> Self {
-        Events { closed: Cell::new(false), opened: Cell::new(false) }
+        Events { closed: Cell::new(false), opened: Cell::new(false), asleep: Cell::new(false) }
     }
 
     /// Who was there is not any more.
@@ -38,6 +39,12 @@ impl Events {
         self.close();
     }
 
+    /// Who was there sleeps.
+    pub fn sleep(&self) {
+        self.asleep.set(true);
+        ARRIVED.signal(());
+    }
+
     /// The controller does not know yet that the last one has left.
     pub fn is_closed(&self) -> bool {
         self.closed.get()
@@ -45,6 +52,8 @@ impl Events {
 
     /// The next one for the controller.
     pub fn take(&self) -> Option<PortEvent> {
-        if self.closed.take() { Some(PortEvent::Closed) } else { self.opened.take().then_some(PortEvent::Opened) }
+        let events =
+            [(&self.asleep, PortEvent::Asleep), (&self.closed, PortEvent::Closed), (&self.opened, PortEvent::Opened)];
+        events.into_iter().find(|(happened, _)| happened.take()).map(|(_, event)| event)
     }
 }

@@ -85,7 +85,7 @@ impl Interface {
         }
         let (length, code, second, count) = match setup.request {
             INITIATE_ABORT_BULK_OUT => (2, self.abort_out(low), self.receive.tag(), 0),
-            INITIATE_ABORT_BULK_IN => (2, self.abort_in(low), low, 0),
+            INITIATE_ABORT_BULK_IN => (2, self.abort_in(low), self.send.tag(), 0),
             INITIATE_CLEAR => (1, self.begin_clear(), 0, 0),
             CHECK_ABORT_BULK_OUT_STATUS | CHECK_ABORT_BULK_IN_STATUS | CHECK_CLEAR_STATUS => {
                 let (split, length, count) = match setup.request {

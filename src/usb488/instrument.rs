@@ -47,8 +47,8 @@ pub trait Instrument {
     fn clear(&mut self);
     /// Trigger. False: to be said again.
     fn trigger(&mut self) -> bool;
-    /// Forgets a message that has begun. False: not while the one before is executed, to be said again.
-    fn abandon(&mut self) -> bool;
+    /// Forgets a message that has begun, whatever is executed: those before it stay.
+    fn abandon(&mut self);
     /// Remote and local.
     fn panel(&mut self, panel: Panel);
 }

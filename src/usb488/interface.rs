@@ -62,6 +62,8 @@ pub struct Interface {
     drain: bool,
     /// Bulk OUT is halted.
     halted: bool,
+    /// A `!` was among what was read away behind a clear.
+    shout: bool,
 }
 
 impl Interface {
@@ -77,6 +79,7 @@ impl Interface {
             abandon: false,
             drain: true,
             halted: false,
+            shout: false,
         }
     }
 
@@ -123,12 +126,14 @@ impl Interface {
 
     /// A packet may come: bulk OUT is to be read.
     const fn wants_packet(&self) -> bool {
-        self.drain || self.halted || !self.clear && !self.abandon && self.receive.is_free()
+        self.drain || self.halted || !self.clear && !self.abandon && !self.send.is_unseen() && self.receive.is_free()
     }
 
     /// A packet has come; true when bulk OUT is to be halted for it.
     fn packet_out(&mut self, length: usize) -> bool {
         if self.drain || self.halted {
+            // the class lets go what comes before the clear has ended, but stop is stop
+            self.shout |= self.split == Split::Clear && self.receive.begins_with(length, b'!');
             return false;
         }
         // who goes on has no use for the second part of a request
@@ -167,8 +172,13 @@ impl Interface {
             self.abandon = false;
             any = true;
         }
-        if self.abandon && instrument.abandon() {
-            self.abandon = false;
+        if core::mem::take(&mut self.shout) {
+            // cleared a moment ago, it has room
+            instrument.write(b"!\n", true);
+            any = true;
+        }
+        if core::mem::take(&mut self.abandon) {
+            instrument.abandon();
             any = true;
         }
         while let Some(panel) = self.panels.pop() {

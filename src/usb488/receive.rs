@@ -63,6 +63,12 @@ impl Receive {
         &mut self.packet
     }
 
+    /// The packet that has come, so long, is the first of a message that begins with `byte`.
+    pub fn begins_with(&self, length: usize, byte: u8) -> bool {
+        let message = matches!(header::parse(&self.packet), Some((_, Command::Message { .. })));
+        message && length > header::SIZE && self.packet.get(header::SIZE) == Some(&byte)
+    }
+
     /// A packet has come, so long.
     pub fn take(&mut self, length: usize) -> Brought {
         let begins = self.left == 0;

@@ -20,7 +20,6 @@ struct Request {
 /// A transfer that has been announced.
 #[derive(Clone, Copy, Debug)]
 struct Transfer {
-    tag: u8,
     /// Its header has not been fetched.
     begins: bool,
     /// Bytes that have not been fetched.
@@ -49,7 +48,11 @@ pub struct Send {
     bytes: [u8; DATA + PACKET + ALIGNMENT],
     waiting: usize,
     request: Option<Request>,
+    /// The instrument has not looked at the request.
+    unseen: bool,
     transfer: Option<Transfer>,
+    /// Of this or the last transfer.
+    tag: u8,
     flight: Option<Flight>,
     /// What stands at the endpoint is to be taken back.
     recall: bool,
@@ -66,7 +69,9 @@ impl Send {
             bytes: [0; DATA + PACKET + ALIGNMENT],
             waiting: 0,
             request: None,
+            unseen: false,
             transfer: None,
+            tag: 0,
             flight: None,
             recall: false,
             ending: false,
@@ -78,6 +83,7 @@ impl Send {
     pub fn ask(&mut self, tag: u8, size: u32, term: Option<u8>) {
         self.stop();
         self.request = Some(Request { tag, size, term });
+        self.unseen = true;
     }
 
     /// Forgets what was to be sent.
@@ -89,7 +95,7 @@ impl Send {
     #[inline(never)]
     fn stop(&mut self) {
         self.recall = self.flight.is_some();
-        (self.request, self.transfer, self.ending) = (None, None, false);
+        (self.request, self.unseen, self.transfer, self.ending) = (None, false, None, false);
     }
 
     /// The host has bytes of an answer to fetch.
@@ -100,6 +106,16 @@ impl Send {
     /// A transfer has been announced and not been fetched.
     pub const fn is_active(&self) -> bool {
         self.transfer.is_some()
+    }
+
+    /// The instrument has not looked at the host's request: whether an answer is there is not known yet.
+    pub const fn is_unseen(&self) -> bool {
+        self.unseen
+    }
+
+    /// Tag of this or the last transfer; 0: there was none.
+    pub const fn tag(&self) -> u8 {
+        self.tag
     }
 
     /// Bytes that the host has fetched of this or the last transfer.
@@ -114,7 +130,7 @@ impl Send {
 
     /// Aborts the transfer; false when it is not that of `tag`. A request that has not been served is withdrawn.
     pub fn abort(&mut self, tag: u8) -> bool {
-        let mine = self.transfer.is_some_and(|transfer| transfer.tag == tag);
+        let mine = self.transfer.is_some() && self.tag == tag;
         if mine {
             self.stop();
             self.ending = true;
@@ -129,8 +145,10 @@ impl Send {
         if self.flight.is_some() || self.ending {
             return false;
         }
+        // what stands behind a request comes when it was looked at
+        let seen = core::mem::take(&mut self.unseen);
         let begun = self.transfer.is_none() && self.begin(instrument);
-        let Some(Transfer { left, .. }) = self.transfer else { return false };
+        let Some(Transfer { left, .. }) = self.transfer else { return seen };
         let filled = self.fill(left, instrument);
         if self.waiting < left.min(PACKET)
             && let Some(transfer) = &mut self.transfer
@@ -138,7 +156,7 @@ impl Send {
             // what was announced is not there any more
             transfer.left = self.waiting;
         }
-        begun | filled
+        seen | begun | filled
     }
 
     /// Announces a transfer; false when there is nothing to send.
@@ -171,8 +189,8 @@ impl Send {
             *head = header::answer(request.tag, size as u32, attributes);
         }
         self.request = None;
-        self.sent = 0;
-        self.transfer = Some(Transfer { tag: request.tag, begins: true, left: size });
+        (self.tag, self.sent) = (request.tag, 0);
+        self.transfer = Some(Transfer { begins: true, left: size });
         true
     }
 

@@ -273,12 +273,14 @@ def test_requests_that_it_does_not_know_are_refused(host, instrument):
     assert instrument.ask("*IDN?").startswith(IDENTITY)
 
 
-def test_remote_and_local_are_taken(instrument):
-    instrument.remote(True)
-    instrument.local_lockout()
-    instrument.go_to_local()
-    instrument.remote(False)
-    assert instrument.ask("*IDN?").startswith(IDENTITY)
+def test_requests_of_remote_and_local_succeed_in_any_order_and_change_nothing_of_the_link(instrument):
+    # the board has no panel: what they do is tested with the exchange
+    steps = (lambda: instrument.remote(True), instrument.local_lockout, instrument.go_to_local, lambda: instrument.remote(False))
+    instrument.write("*ESE 3\n")
+    for step in steps + steps[::-1]:
+        step()
+        assert instrument.ask("*ESE?") == "3"
+    assert errors(instrument) == []
 
 
 # ---- both functions, and the motors ----
@@ -309,6 +311,133 @@ def test_an_exclamation_mark_stops_a_move(board, instrument):
     board.run(50_000)
     assert follower.look() == stopped == counts(board)
     assert 0 < stopped[0] < 800 * 20
+
+
+def test_an_exclamation_mark_behind_a_clear_is_heard_before_the_host_has_checked(board, host, instrument):
+    enable_all(board)
+    follower = Follower(board)
+    instrument.write("AXIS1:VEL 50;MOVE 800;*WAI\n")
+    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
+    assert list(host.control_in(CLASS | INTERFACE, 5, 0, instrument.interface, 1)) == [1], "INITIATE_CLEAR"
+    instrument.write("!\n", timeout_us=20_000)
+    board.run(30_000)
+    assert list(host.control_in(CLASS | INTERFACE, 6, 0, instrument.interface, 2)) in ([1, 0], [0x82, 0]), "CHECK_CLEAR_STATUS"
+    host.clear_halt(instrument.output)
+    board.run(10_000)
+    stopped = list(follower.look())
+    board.run(50_000)
+    assert follower.look() == stopped == counts(board)
+    assert errors(instrument) == []
+
+
+def stops_at_once(board, instrument, follower):
+    """`!` reaches a motion that is under way, behind whatever was done to the link."""
+    assert follower.look()[0] < 400, "it would go on to 800 for 16 seconds"
+    instrument.write("!\n", timeout_us=20_000)
+    board.run(30_000)
+    stopped = list(follower.look())
+    board.run(50_000)
+    assert follower.look() == stopped == counts(board)
+    assert stopped[0] < 800
+    assert errors(instrument) == []
+
+
+@pytest.mark.parametrize("size", (52, 308, 692))
+def test_an_exclamation_mark_is_heard_behind_an_abort_while_a_message_waits(board, host, instrument, size):
+    enable_all(board)
+    follower = Follower(board)
+    instrument.write("AXIS1:VEL 50;MOVE 800;*WAI\n")
+    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
+    instrument.tag = 7
+    message = b"NONSENSE;" * 5 + b"NONSENS" + b"X" * (size - 52)
+    transfer = host.start_out(instrument.output, header(DEV_DEP_MSG_OUT, 7, 1000, EOM) + message)
+    board.run(5000)
+    assert transfer.done == (size < 500), "512 bytes find room"
+    if not transfer.done:
+        host.cancel(transfer)
+    assert instrument.abort_out(7) >= min(size, 500)
+    stops_at_once(board, instrument, follower)
+
+
+def test_an_exclamation_mark_is_heard_behind_a_halt_while_a_message_waits(board, host, instrument):
+    enable_all(board)
+    follower = Follower(board)
+    instrument.write("AXIS1:VEL 50;MOVE 800;*WAI\n")
+    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
+    host.bulk_out(instrument.output, header(DEV_DEP_MSG_OUT, 1, 1000, EOM) + b"NONSENSE;" * 7)
+    board.run(3000)
+    assert host.halted(instrument.output), "a short packet, and it has not all that was announced"
+    host.clear_halt(instrument.output)
+    stops_at_once(board, instrument, follower)
+
+
+def test_a_request_without_a_question_is_an_error_whatever_follows_at_once(board, host, instrument):
+    host.start_out(instrument.output, header(DEV_DEP_MSG_IN, 1, 100))
+    host.bulk_out(instrument.output, header(DEV_DEP_MSG_OUT, 2, 8, EOM) + b"*ESE 3\n ")
+    instrument.tag = 2
+    assert errors(instrument) == [-420]
+
+
+def set_interface(host, number):
+    """SET_INTERFACE, alternate 0: its endpoints begin with DATA0 on both sides (USB 2.0, 9.1.1.5)."""
+    host.control_out(INTERFACE, 11, 0, number)
+    _, _, _, ends = host.interfaces()[number]
+    for end in ends:
+        host._pipe(end).toggle = 0
+
+
+@pytest.mark.parametrize("packets", (1, 2))
+def test_an_alternate_setting_that_is_set_begins_with_data0_and_leaves_nothing_behind(host, instrument, packets):
+    for _ in range(packets):
+        instrument.write("*ESE 4\n")
+        assert instrument.read_stb() == 0
+    instrument.write("*ESE?;" * 60 + "*ESE?\n")
+    instrument.request()
+    host.bulk_in(instrument.input, packets * PACKET)
+    set_interface(host, instrument.interface)
+    assert instrument.ask("*ESE?") == "0", "a link as after power-up"
+    assert instrument.read_stb() == 0
+    assert errors(instrument) == []
+    # bulk OUT may be halted before
+    host.bulk_out(instrument.output, MALFORMED["bTag 0"])
+    host.board.run(3000)
+    set_interface(host, instrument.interface)
+    assert instrument.ask("*IDN?").startswith(IDENTITY)
+
+
+@pytest.mark.parametrize("packets", (1, 2))
+def test_an_alternate_setting_of_the_serial_port_leaves_the_instrument_alone(host, instrument, packets):
+    port = CdcPort(host).open()
+    instrument.write("*ESE 6\n")
+    for _ in range(packets):
+        assert port.ask("*ESE 5;*ESE?") == "5"
+    for number in (1, 2):
+        set_interface(host, number)
+    assert port.ask("*ESE?") == "0"
+    assert instrument.ask("*ESE?") == "6"
+
+
+@pytest.mark.parametrize("way", ("instrument", "port"))
+@pytest.mark.parametrize("out", (True, False), ids=("unplugged", "suspended"))
+def test_a_jog_ends_when_its_host_is_gone_or_asleep(board, host, instrument, way, out):
+    enable_all(board)
+    follower = Follower(board)
+    port = CdcPort(host).open()
+    link = {"instrument": instrument, "port": port}[way]
+    link.write("*ESE 5;:SYST:JOG:TIM 60\n")
+    link.write("AXIS1:MOVE:JOG 10\n")
+    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
+    if out:
+        host.unplug()
+        board.run(100_000)
+    else:
+        host.suspend(100_000)
+    stopped = list(follower.look())
+    board.run(100_000)
+    assert follower.look() == stopped
+    if not out:
+        host.resume()
+        assert link.ask("*ESE?") == "5", "what sleeps wakes up to what it had"
 
 
 def test_unplugged_in_the_middle_of_an_answer_the_next_one_hears_his_own(board, host):

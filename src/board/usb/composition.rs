@@ -10,8 +10,10 @@ pub const SIZE: usize = 108;
 
 /// Number of the instrument's interface: the first, for it is the one from which pyvisa-py detaches the driver of Linux.
 pub const INSTRUMENT_INTERFACE: u16 = 0;
-/// Number of the serial port's first interface; its data are on the next.
+/// Number of the serial port's first interface.
 pub const SERIAL_INTERFACE: u16 = 1;
+/// Number of its second one, which has the data.
+pub const DATA_INTERFACE: u16 = 2;
 /// Where the instrument has its endpoints.
 pub const INSTRUMENT: descriptor::Endpoints =
     descriptor::Endpoints { bulk_out: 0x02, bulk_in: 0x82, interrupt_in: 0x83 };
@@ -69,7 +71,7 @@ pub fn announce<'d, D: Driver<'d>>(builder: &mut Builder<'d, D>) -> Announced<D:
     let mut serial = interface.alt_setting(CDC, ACM, 0, None);
     serial.descriptor(FUNCTIONAL, &[0, 0x10, 0x01]); // header: CDC 1.10
     serial.descriptor(FUNCTIONAL, &[2, 0x02]); // ACM: line coding and lines
-    serial.descriptor(FUNCTIONAL, &[6, SERIAL_INTERFACE as u8, SERIAL_INTERFACE as u8 + 1]); // union
+    serial.descriptor(FUNCTIONAL, &[6, SERIAL_INTERFACE as u8, DATA_INTERFACE as u8]); // union
     let nowhere =
         EndpointInfo { addr: NOWHERE.into(), ep_type: EndpointType::Interrupt, max_packet_size: 8, interval_ms: 255 };
     serial.endpoint_descriptor(&nowhere, SynchronizationType::NoSynchronization, UsageType::DataEndpoint, &[]);

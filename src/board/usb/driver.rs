@@ -4,6 +4,7 @@
 //!   this device announces one.
 //! - CLEAR_FEATURE(ENDPOINT_HALT) begins with DATA0 again (USB 2.0, 9.4.5); the driver leaves the toggle as it is, and
 //!   the host's next packet would be taken for one that was sent twice.
+//! - So do a configuration and an alternate setting that are set (USB 2.0, 9.1.1.5), of which nothing is halted.
 //!
 //! The instrument is told of a halt that is cleared, which `embassy-usb` tells no class.
 
@@ -83,6 +84,13 @@ impl<B: Bus> Bus for Guarded<B> {
             return otg::deactivate_out(endpoint.index());
         }
         self.inner.endpoint_set_enabled(endpoint, enabled);
+        if enabled {
+            if endpoint.is_in() {
+                // it would stand there for ever
+                otg::recall(endpoint.index());
+            }
+            self.endpoint_set_stalled(endpoint, false);
+        }
     }
 
     #[inline(never)] // called in three places

@@ -42,6 +42,11 @@ impl Shared {
         self.events.begin(opened);
     }
 
+    /// The host sleeps, or is gone.
+    pub fn sleep(&self) {
+        self.events.sleep();
+    }
+
     /// Answers a request to the interface or to one of its bulk endpoints. None: it is for somebody else.
     pub fn control<'a>(&self, request: Request, answer: &'a mut [u8]) -> Option<InResponse<'a>> {
         let [place, _] = request.index.to_le_bytes();

@@ -1,7 +1,10 @@
 //! What the HAL's driver of OTG_FS cannot do: halt an endpoint, take a packet back, begin with DATA0 (RM0090, 34.17).
+//!
+//! EPENA can only be set, not cleared, by a write (RM0090, 34.16.4): what was read of it is not written back, but with
+//! EPDIS, or a packet that the host has fetched in between would be sent again.
 
 use embassy_stm32::pac::USB_OTG_FS;
-use embassy_usb::driver::{Direction, EndpointAddress};
+use embassy_usb::driver::EndpointAddress;
 
 /// Endpoints each way, with endpoint 0 (RM0090, 34.1).
 pub const ENDPOINTS: usize = 4;
@@ -13,25 +16,25 @@ pub fn begin_with_data0(endpoint: EndpointAddress) {
     let n = endpoint.index();
     critical_section::with(|_| match (n, endpoint.is_in()) {
         (0, _) => {}
-        (_, true) => USB_OTG_FS.diepctl(n).modify(|w| w.set_sd0pid_sevnfrm(true)),
-        (_, false) => USB_OTG_FS.doepctl(n).modify(|w| w.set_sd0pid_sevnfrm(true)),
+        (_, true) => USB_OTG_FS.diepctl(n).modify(|w| {
+            w.set_epena(false);
+            w.set_sd0pid_sevnfrm(true);
+        }),
+        (_, false) => USB_OTG_FS.doepctl(n).modify(|w| {
+            w.set_epena(false);
+            w.set_sd0pid_sevnfrm(true);
+        }),
     });
-}
-
-/// A new configuration: nothing of what was stands at the IN endpoints, where it would stand for ever, and all begin with
-/// DATA0 (USB 2.0, 9.1.1.5).
-pub fn begin() {
-    for n in 1..ENDPOINTS {
-        recall(n);
-        for direction in [Direction::In, Direction::Out] {
-            begin_with_data0(EndpointAddress::from_parts(n, direction));
-        }
-    }
 }
 
 /// Bulk OUT answers with STALL from now on.
 pub fn halt_out(n: usize) {
-    critical_section::with(|_| USB_OTG_FS.doepctl(n).modify(|w| w.set_stall(true)));
+    critical_section::with(|_| {
+        USB_OTG_FS.doepctl(n).modify(|w| {
+            w.set_epena(false);
+            w.set_stall(true);
+        });
+    });
 }
 
 /// An IN endpoint has no packet: the host has fetched it.
@@ -50,7 +53,10 @@ pub fn recall(n: usize) -> bool {
         if is_empty(n) {
             return true;
         }
-        control.modify(|w| w.set_snak(true));
+        control.modify(|w| {
+            w.set_epena(false);
+            w.set_snak(true);
+        });
         until(&|| usb.diepint(n).read().inepne() || is_empty(n));
         if is_empty(n) {
             return true;
@@ -74,6 +80,7 @@ pub fn recall(n: usize) -> bool {
 pub fn deactivate_out(n: usize) {
     critical_section::with(|_| {
         USB_OTG_FS.doepctl(n).modify(|w| {
+            w.set_epena(false);
             w.set_snak(true);
             w.set_usbaep(false);
         });

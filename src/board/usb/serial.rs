@@ -57,6 +57,11 @@ impl Shared {
         self.events.close();
     }
 
+    /// The host sleeps, or is gone.
+    pub fn sleep(&self) {
+        self.events.sleep();
+    }
+
     /// Goes on with the endpoints.
     pub fn pump(&self, context: &mut Context<'_>, output: &mut impl EndpointOut, input: &mut impl EndpointIn) {
         let waiting = &mut *self.waiting.borrow_mut();
@@ -102,7 +107,8 @@ impl Lines {
         Lines { shared, ready: false, coding: [0x80, 0x25, 0, 0, 0, 0, 8] }
     }
 
-    /// A terminal that sets DTR is there; one that clears it, or an unplugged cable, is not.
+    /// A terminal that sets DTR is there; one that clears it is not. What an unplugged cable does, see
+    /// [`PortEvent::Asleep`].
     fn set_ready(&mut self, ready: bool) {
         if core::mem::replace(&mut self.ready, ready) != ready {
             if ready {

@@ -52,7 +52,7 @@ pub trait Device {
     fn end(&mut self) -> bool;
     /// A message has begun and has not ended.
     fn is_partial(&self) -> bool;
-    /// Forgets a message that has begun.
+    /// Forgets a message that has begun, and bytes that were refused; what stands in front of it stays.
     fn drop_partial(&mut self);
     /// A `!` is `coming` on the link, behind bytes that it holds back: aborts at once, and after each command up to it.
     /// False: none is on its way any more. What knows no `!` does nothing.
@@ -316,14 +316,12 @@ impl Exchange {
         done
     }
 
-    /// The controller gives a message up that it has begun. False: the one before is executed, to be said again after
-    /// the next poll.
-    pub fn abandon(&mut self, device: &mut impl Device) -> bool {
-        let done = self.tell_end(device) && !(device.is_partial() && device.is_busy());
-        if done {
+    /// The controller gives a message up that it has begun, with the bytes that were refused. Those before it stay.
+    pub fn abandon(&mut self, device: &mut impl Device) {
+        // while an end is still to be told, nothing of the next message has been taken
+        if !self.ending {
             device.drop_partial();
         }
-        done
     }
 
     /// Remote, local and lockout.

@@ -57,8 +57,8 @@ impl<D: Device> Instrument for Attached<'_, D> {
         self.exchange.trigger(self.device)
     }
 
-    fn abandon(&mut self) -> bool {
-        self.exchange.abandon(self.device)
+    fn abandon(&mut self) {
+        self.exchange.abandon(self.device);
     }
 
     fn panel(&mut self, panel: Panel) {

@@ -1,6 +1,6 @@
 //! A session as the device behind a message exchange.
 
-use super::{Instrument, Session};
+use super::{Framer, Instrument, Session};
 use crate::error::{Error, ErrorNumber};
 use crate::scpi::exchange::Device;
 use crate::scpi::parser;
@@ -45,12 +45,24 @@ impl Device for Session {
         !self.watch.is_at_start()
     }
 
+    #[inline(never)] // called in three places
     fn drop_partial(&mut self) {
-        // nothing is in front of it: the lexer has it all
-        if !self.is_busy() {
+        // it stands last: behind the whole messages of the backlog, which begins with one, or alone in the lexer
+        if !self.busy && self.backlog.is_empty() {
             self.lexer.clear();
-            self.watch = super::Framer::new();
         }
+        (self.watch, self.ahead) = (Framer::new(), 0);
+        let mut whole = 0;
+        for (n, byte) in self.backlog.iter().enumerate() {
+            self.watch.step(*byte);
+            if self.watch.is_at_start() {
+                whole = n + 1;
+            }
+        }
+        while self.backlog.len() > whole {
+            self.backlog.pop_back();
+        }
+        self.watch = Framer::new();
     }
 
     fn foresee_abort(&mut self, coming: bool) {

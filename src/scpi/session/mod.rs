@@ -253,7 +253,14 @@ impl Session {
     /// From the backlog into the lexer, up to the next message.
     fn refill(&mut self) -> bool {
         while !self.busy {
-            let Some(byte) = self.backlog.pop_front() else { return false };
+            let Some(byte) = self.backlog.pop_front() else {
+                #[cfg(feature = "bus")]
+                if self.ahead == 0 {
+                    // a `!` in a message that was given up is reached when all in front of it is
+                    self.aborts_ahead = self.foreseen;
+                }
+                return false;
+            };
             let event = self.lexer.push(byte);
             self.framed(event);
         }

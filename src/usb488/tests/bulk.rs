@@ -186,6 +186,20 @@ fn a_read_without_a_query_brings_nothing_and_harms_nothing() {
 }
 
 #[test]
+fn a_read_without_a_query_is_noticed_whatever_follows_at_once() {
+    let mut usb = usb();
+    usb.settle();
+    // both packets are there before the instrument has its turn
+    usb.wire.out = Some(request_in(1, 10, None));
+    usb.wire.behind = Some(message_out(2, b"next?", true));
+    assert!(usb.interface.pump(&mut usb.wire));
+    usb.settle();
+    assert_eq!(usb.bench.unasked, 1);
+    usb.tag = 2;
+    assert_eq!(usb.read().unwrap(), b"next?");
+}
+
+#[test]
 fn a_message_interrupts_the_answer_at_every_packet() {
     for fetched in 0..5 {
         let mut usb = usb();

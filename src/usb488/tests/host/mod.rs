@@ -21,6 +21,8 @@ pub trait Bench {
 pub struct Endpoints {
     /// What the hardware has of bulk OUT.
     pub out: Option<Vec<u8>>,
+    /// What the host sends as soon as that has been read.
+    pub behind: Option<Vec<u8>>,
     pub halted: bool,
     bulk_in: Option<Vec<u8>>,
     notice: Option<[u8; 2]>,
@@ -31,6 +33,7 @@ pub struct Endpoints {
 impl Wire for Endpoints {
     fn receive(&mut self, packet: &mut [u8; PACKET]) -> Option<usize> {
         let came = self.out.take()?;
+        self.out = self.behind.take();
         packet[..came.len()].copy_from_slice(&came);
         Some(came.len())
     }
