@@ -97,14 +97,16 @@ impl Framer {
     /// Takes the next byte.
     #[inline(always)]
     pub fn step(&mut self, byte: u8) -> Class {
-        // Letters, digits, signs and points of a message: most bytes are such. What else means something lies before.
-        if byte > b','
-            && let State::Text { gap } = &mut self.state
-        {
-            *gap = false;
-            return Class::Text;
-        }
-        self.step_any(byte)
+        if self.is_plain(byte) { Class::Text } else { self.step_any(byte) }
+    }
+
+    /// Takes the next byte if it is a letter, digit, sign or point of a message, as most bytes are: what means something
+    /// lies before them.
+    #[inline(always)]
+    pub fn is_plain(&mut self, byte: u8) -> bool {
+        let State::Text { gap } = &mut self.state else { return false };
+        *gap &= byte <= b',';
+        byte > b','
     }
 
     #[inline(never)]
