@@ -1,16 +1,22 @@
 #!/usr/bin/env python3
 """Aligns a fibre, a 1x8 splitter chip and a fibre array: two stage controllers and a power meter, over VISA alone.
     align.py [VISA names of input side, output side and meter; without them those of `host-sim serve --bench`]
+    align.py PRLGX-TCPIP::127.0.0.1::1234::INTFC GPIB0::5::INSTR GPIB0::6::INSTR GPIB0::7::INSTR
 Lengths in um, angles in degrees, powers in dBm. Of the optics it knows the pitch alone."""
-import math, statistics, sys, pyvisa
+import math, statistics, sys, time, pyvisa
 
 PITCH = 250  # of the fibres, towards -x
 LASER, DARK, SEARCH = 0, -52, 72  # power in the input fibre; what counts as light, and how wide it is looked for
 BACK, GAP, WAY = 60, 13, 45  # to draw back before anything turns; gap that is wanted; of a step that tells the gap
 
-def run(stage, command):  # waits until all that it begins has ended; an error ends the program
-    error = stage.query(command + ";*OPC?;:SYST:ERR?").partition(";")[2]
-    if not error.startswith("0,"):
+def wait(stage, command):  # until all that it begins has ended; no read is longer than a gateway's time-out
+    stage.write(f"*CLS;:{command};*OPC")
+    while stage.query("*ESR?").strip() == "0":
+        time.sleep(0.001)
+    return stage.query("SYST:ERR?").strip()
+
+def run(stage, command):  # an error ends the program
+    if not (error := wait(stage, command)).startswith("0,"):
         sys.exit(f"{stage.side} side: {command}: {error}")
 
 def move(stage, x=0, y=0, z=0, gamma=0):
@@ -59,14 +65,17 @@ def approach(stage):  # half of the way, and the rest; how far it is, is told by
         print(f"{stage.side} side: {gap:.1f} um were left, now {gap - share * (gap - GAP):.1f}")
 
 names = sys.argv[1:] or [f"TCPIP::127.0.0.1::{port}::SOCKET" for port in (5025, 5026, 5027)]
-ends, manager = dict(read_termination="\n", write_termination="\n", timeout=60_000), pyvisa.ResourceManager("@py")
-source, array, meter = (manager.open_resource(name, **ends) for name in names)
+ends, manager = dict(write_termination="\n", timeout=60_000), pyvisa.ResourceManager("@py")
+*gateway, source, array, meter = (manager.open_resource(name, **ends) for name in names)
+for link in source, array, meter:
+    if "GPIB" not in link.resource_name:  # there EOI ends an answer
+        link.read_termination = "\n"
 source.side, array.side = "input", "output"
 for stage, light in (source, "DET"), (array, 1):  # first light; the input first, with the detector behind the chip
     run(stage, "SENS1:INP LOG,20,-60;RANG 2.9;DEL 36 US")
     if look(light, must=False) < DARK:
-        stage.write(f"SCAN:DEF:SPIR 0,1,1,2,{SEARCH},0.4,8,{DARK + 2},FIRS;:SCAN:STAR 0")
-        print(f"{stage.side} side searched:", stage.query("*OPC?;:SYST:ERR?"))
+        found = wait(stage, f"SCAN:DEF:SPIR 0,1,1,2,{SEARCH},0.4,8,{DARK + 2},FIRS;:SCAN:STAR 0")
+        print(f"{stage.side} side searched:", found)
     peaks(stage, SEARCH, light)
 for stage in source, array:  # pitch and yaw about the fibre, drawn back
     move(stage, z=-BACK)

@@ -3,7 +3,7 @@
 use crate::board::backup::Backup;
 use crate::board::clock::ResetCause;
 use crate::board::flash::{self, SettingsFlash};
-use crate::board::port::{ARRIVED, Plug, Socket};
+use crate::board::port::ARRIVED;
 use crate::board::usart::Serial;
 use crate::board::{self, Board, refill, supervision, usb};
 use defmt_rtt as _;
@@ -19,12 +19,12 @@ use stage_controller::store::{Buffer, RECORD_CAPACITY, Store, service};
 use stage_controller::tasks::Controller;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// Links: the serial port and USB.
-const PORTS: usize = 2;
+/// Links: the serial port, the one on USB, and USB488.
+const PORTS: usize = 3;
 /// The controller looks around at least this often.
 const TURN: Duration = Duration::from_millis(1);
 
-static USB: Plug = Plug::new();
+static USB: StaticCell<usb::Shared> = StaticCell::new();
 static FRONT: StaticCell<Front> = StaticCell::new();
 /// Samples, scans and recordings: beside the 64 KB of all the rest.
 static LIGHT: ConstStaticCell<LightMemory> = ConstStaticCell::new(LightMemory::new());
@@ -43,18 +43,20 @@ async fn main(spawner: Spawner) {
     let keeper = wake_up(front, start, &mut store, &backup, record).await;
 
     let mut serial = Serial::open(front.baud());
+    let shared: &usb::Shared = USB.init(usb::Shared::new());
     if !start.internal_oscillator {
         let parts = usb::Parts { usb: parts.USB_OTG_FS, dp: parts.PA12, dm: parts.PA11 };
-        spawner.spawn(usb::run(parts, embassy_stm32::uid::uid_hex(), &USB).unwrap());
+        spawner.spawn(usb::run(parts, embassy_stm32::uid::uid_hex(), shared).unwrap());
     }
     let border = start_refill(front);
     spawner.spawn(supervision::supervise(supervision::start(parts.IWDG)).unwrap());
 
     let mut board = Board::new(border, backup, keeper);
     let mut controller = Controller::new(front, new_links());
-    let mut usb = Socket::new(&USB);
+    let mut usb = usb::serial::Socket::new(&shared.serial);
+    let mut instrument = usb::instrument::Socket(&shared.instrument);
     loop {
-        let mut ports: [&mut dyn Port; PORTS] = [&mut serial, &mut usb];
+        let mut ports: [&mut dyn Port; PORTS] = [&mut serial, &mut usb, &mut instrument];
         // what stands hears of no border: its inputs are looked at all the same, and the watchdog knows that it could
         refill::attend_if_standing();
         controller.turn(&mut board, &mut ports, Instant::now().as_millis());

@@ -4,6 +4,8 @@
 
 use crate::refill::border::{Order, Report, Sample};
 use crate::refill::safety::{Halt, Watch};
+#[cfg(feature = "bus")]
+use crate::scpi::{exchange::Attached, session::Session};
 use crate::store::Standstill;
 
 /// The thread's side of the step output, of the drivers and of the lights.
@@ -50,6 +52,9 @@ pub enum PortEvent {
     Opened,
     /// Nobody is there any more.
     Closed,
+    /// Who is there sleeps, or his cable is out, which looks the same (USB 2.0, 7.1.7.6): nobody watches a jog. All
+    /// else stays, for he may wake up.
+    Asleep,
     /// BREAK: the input so far is to be forgotten.
     Break,
     /// Bytes were lost: they came faster than they were taken.
@@ -72,4 +77,16 @@ pub trait Port {
     fn send(&mut self, bytes: &[u8]);
     /// Goes on with what it has begun; called in every turn.
     fn attend(&mut self) {}
+    /// The port as a bus, if it is one: then it has neither bytes nor room.
+    #[cfg(feature = "bus")]
+    fn bus(&mut self) -> Option<&mut dyn BusPort> {
+        None
+    }
+}
+
+/// A port on which one side speaks at a time. It deals with the message exchange, not with bytes.
+#[cfg(feature = "bus")]
+pub trait BusPort {
+    /// Goes on with the exchange of its link; true when something has changed for either.
+    fn turn(&mut self, link: &mut Attached<'_, Session>) -> bool;
 }

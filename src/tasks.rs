@@ -5,6 +5,8 @@ use crate::controller::links::Links;
 use crate::error::{Error, ErrorNumber};
 use crate::hal::{Hal, Port, PortEvent, Signs};
 use crate::refill::safety::Halt;
+#[cfg(feature = "bus")]
+use crate::scpi::exchange::{Attached, Exchange};
 
 /// Bytes that are handed to a port at once.
 const CHUNK: usize = 64;
@@ -24,12 +26,22 @@ pub struct Controller<'a, const N: usize> {
     open: [Option<usize>; N],
     /// Bytes of a port were lost: until its next LF, or this time, what comes is the rest of a broken message, ms.
     broken_until: [u64; N],
+    /// The exchange of each port that is a bus, while it is open.
+    #[cfg(feature = "bus")]
+    exchanges: [Option<Exchange>; N],
 }
 
 impl<'a, const N: usize> Controller<'a, N> {
     /// All ports closed.
     pub fn new(front: &'a mut Front, links: &'a mut Links<N>) -> Self {
-        Controller { front, links, open: [None; N], broken_until: [0; N] }
+        Controller {
+            front,
+            links,
+            open: [None; N],
+            broken_until: [0; N],
+            #[cfg(feature = "bus")]
+            exchanges: [None; N],
+        }
     }
 
     /// True when every answer to what came through a port has been handed to it.
@@ -48,7 +60,7 @@ impl<'a, const N: usize> Controller<'a, N> {
             for (n, port) in ports.iter_mut().enumerate() {
                 progress |= self.take_bytes(n, *port, now_ms);
             }
-            progress |= self.links.poll(self.front, now_ms);
+            progress |= self.execute(now_ms);
             // a check may have taken several segments: what is planned begins behind what has been made meanwhile
             self.take_reports(hal);
             self.give_orders(hal);
@@ -100,12 +112,35 @@ impl<'a, const N: usize> Controller<'a, N> {
         }
     }
 
+    /// Executes what can be executed on all links; true when something was.
+    #[cfg(not(feature = "bus"))]
+    fn execute(&mut self, now_ms: u64) -> bool {
+        self.links.poll(self.front, now_ms)
+    }
+
+    /// Executes what can be executed on all links; true when something was.
+    #[cfg(feature = "bus")]
+    fn execute(&mut self, now_ms: u64) -> bool {
+        let Controller { front, links, open, exchanges, .. } = self;
+        links.poll_each(front, now_ms, |link, session, front| {
+            let ports = open.iter().zip(exchanges.iter_mut());
+            match ports.filter(|(open, _)| **open == Some(link)).find_map(|(_, exchange)| exchange.as_mut()) {
+                Some(exchange) => exchange.poll(session, |session, see| session.poll_message(front, see)),
+                None => session.poll(front),
+            }
+        })
+    }
+
     /// Events and bytes of a port; true when there were any.
     fn take_bytes(&mut self, n: usize, port: &mut dyn Port, now_ms: u64) -> bool {
         let mut any = false;
         while let Some(event) = port.event() {
             any = true;
             self.happened(n, event, now_ms);
+            #[cfg(feature = "bus")]
+            if event != PortEvent::Asleep {
+                self.exchanges[n] = self.open[n].and_then(|_| port.bus()).map(|_| Exchange::new());
+            }
         }
         let Some(link) = self.open[n] else {
             // nobody is there: what is left of the last one is nobody's
@@ -113,6 +148,16 @@ impl<'a, const N: usize> Controller<'a, N> {
             port.consume(left);
             return any || left != 0;
         };
+        #[cfg(feature = "bus")]
+        if let (Some(exchange), Some(device), Some(bus)) =
+            (&mut self.exchanges[n], self.links.session(link), port.bus())
+        {
+            let changed = bus.turn(&mut Attached { exchange, device });
+            if exchange.take_heard() {
+                self.links.heard(link, now_ms);
+            }
+            return any | changed;
+        }
         let bytes = port.received();
         let broken = now_ms < self.broken_until[n];
         let taken = if broken && !bytes.is_empty() {
@@ -133,6 +178,7 @@ impl<'a, const N: usize> Controller<'a, N> {
                 self.links.close(link, self.front);
                 self.open[n] = None;
             }
+            (PortEvent::Asleep, Some(link)) => self.front.end_jogs(link as u8),
             (PortEvent::Break, Some(link)) => self.links.clear(link),
             (PortEvent::Overrun, Some(link)) => {
                 self.lost(n, link, Error::text(ErrorNumber::InputBufferOverrun, "bytes were lost"), now_ms);

@@ -83,6 +83,7 @@ stage_clippy() { # Clippy without warnings
     cargo clippy -q --workspace --all-targets -- -D warnings
     need_thumb
     cargo clippy -q -p target-tests --target thumbv7em-none-eabihf -- -D warnings
+    cargo clippy -q --profile firmware -p stage-controller --bin stage-controller --target thumbv7em-none-eabihf -- -D warnings
 }
 
 stage_doc() { # Documentation without warnings
@@ -92,6 +93,8 @@ stage_doc() { # Documentation without warnings
 stage_no_std() { # The library builds with no operating system
     need_thumb
     cargo build -q --release -p stage-controller --lib --target thumbv7em-none-eabihf
+    cargo build -q --release -p stage-gpib --target thumbv7em-none-eabihf
+    cargo build -q --release -p stage-usb488 --target thumbv7em-none-eabihf
 }
 
 stage_unit() { # All tests, debug build
@@ -152,7 +155,7 @@ stage_emulator() { # The firmware that is flashed, in an emulator of the board
     firmware
     host_sim
     need_venv tests/emulator/requirements.txt
-    "$VENV/bin/pytest" -q -rP -p no:cacheprovider tests/emulator
+    "$VENV/bin/pytest" -q -rP -p no:cacheprovider -n auto tests/emulator
 }
 
 stage_manual() { # docs/COMMANDS.md is what the command tree gives

@@ -10,6 +10,8 @@ pub mod console;
 pub mod control;
 pub mod experiment;
 pub mod flash;
+pub mod gpib;
+pub mod hislip;
 pub mod identify;
 pub mod light;
 pub mod machine;

@@ -1,18 +1,25 @@
-//! The controller's thread across the seam to a board: two ports at once, and what goes wrong on them.
+//! The controller's thread across the seam to a board: two ports and a bus at once, and what goes wrong on them.
 
+#[path = "../../src/usb488/tests/host/mod.rs"]
+mod host;
+
+use host::{Bench, Usb};
 use host_sim::board::Queue;
 use host_sim::machine::Machine;
 use host_sim::session::power_up;
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
-use stage_controller::hal::{Hal, Port, PortEvent, Signs};
+use stage_controller::hal::{BusPort, Hal, Port, PortEvent, Signs};
 use stage_controller::refill::border::{Action, Order, Report, Sample};
 use stage_controller::refill::generator::Generator;
 use stage_controller::refill::safety::{Halt, Watch};
+use stage_controller::scpi::exchange::Attached;
+use stage_controller::scpi::session::Session;
 use stage_controller::stepgen::segment::Words;
 use stage_controller::store::Standstill;
 use stage_controller::tasks::Controller;
 use stage_controller::units::SEGMENT_TICKS;
+use stage_usb488::Interface;
 use std::collections::VecDeque;
 
 /// A port whose other end is a test.
@@ -129,9 +136,13 @@ impl Hal for Desk {
 }
 
 struct Scene<'a> {
-    controller: Controller<'a, 2>,
+    controller: Controller<'a, 3>,
     desk: Desk,
     wires: [Wire; 2],
+    /// What has happened to the instrument on USB.
+    cable: VecDeque<PortEvent>,
+    /// So often nothing has moved when time was to pass.
+    resting: usize,
     now_ms: u64,
 }
 
@@ -140,7 +151,7 @@ impl Scene<'_> {
         for _ in 0..count {
             self.desk.play();
             let [first, second] = &mut self.wires;
-            self.controller.turn(&mut self.desk, &mut [first, second], self.now_ms);
+            self.controller.turn(&mut self.desk, &mut [first, second, &mut Wire::default()], self.now_ms);
             self.now_ms += 1;
         }
     }
@@ -150,6 +161,71 @@ impl Scene<'_> {
         self.turns(200);
         self.wires[n].answers()
     }
+}
+
+/// The instrument on USB, for one turn.
+struct Cable<'a> {
+    interface: &'a mut Interface,
+    events: &'a mut VecDeque<PortEvent>,
+    changed: bool,
+}
+
+impl Port for Cable<'_> {
+    fn event(&mut self) -> Option<PortEvent> {
+        self.events.pop_front()
+    }
+
+    fn received(&mut self) -> &[u8] {
+        &[]
+    }
+
+    fn consume(&mut self, _: usize) {}
+
+    fn room(&self) -> usize {
+        0
+    }
+
+    fn send(&mut self, bytes: &[u8]) {
+        assert!(bytes.is_empty(), "a bus sends nothing that was not asked for");
+    }
+
+    fn bus(&mut self) -> Option<&mut dyn BusPort> {
+        Some(self)
+    }
+}
+
+impl BusPort for Cable<'_> {
+    fn turn(&mut self, link: &mut Attached<'_, Session>) -> bool {
+        let changed = self.interface.turn(link);
+        self.changed |= changed;
+        changed
+    }
+}
+
+impl Bench for Scene<'_> {
+    fn turn(&mut self, interface: &mut Interface) -> bool {
+        self.desk.play();
+        let [first, second] = &mut self.wires;
+        let mut cable = Cable { interface, events: &mut self.cable, changed: false };
+        self.controller.turn(&mut self.desk, &mut [first, second, &mut cable], self.now_ms);
+        self.now_ms += 1;
+        cable.changed
+    }
+
+    fn pass(&mut self) -> bool {
+        let moves = self.controller.front.operation_pending();
+        // what the end of motion brings comes a few turns later
+        self.resting = if moves { 0 } else { self.resting + 1 };
+        !self.resting.is_multiple_of(8) || moves
+    }
+}
+
+/// With the instrument on USB configured by its host.
+fn usb_scene(test: impl FnOnce(Usb<Scene<'_>>)) {
+    scene(|mut scene| {
+        scene.cable.push_back(PortEvent::Opened);
+        test(Usb::new(scene));
+    });
 }
 
 fn scene(test: impl FnOnce(Scene<'_>)) {
@@ -167,7 +243,14 @@ fn scene(test: impl FnOnce(Scene<'_>)) {
         enables: None,
     };
     let controller = Controller::new(&mut front, &mut links);
-    let mut scene = Scene { controller, desk, wires: [Wire::open(), Wire::open()], now_ms: 1000 };
+    let mut scene = Scene {
+        controller,
+        desk,
+        wires: [Wire::open(), Wire::open()],
+        cable: VecDeque::new(),
+        resting: 0,
+        now_ms: 1000,
+    };
     scene.turns(20);
     test(scene);
 }
@@ -184,6 +267,53 @@ fn both_ports_are_answered_at_the_same_time() {
         s.turns(20_000);
         assert_eq!(s.wires[0].answers(), "1\n");
         assert_eq!(s.ask(1, "AXIS1:POS?\n"), "20.000\n");
+    });
+}
+
+#[test]
+fn an_instrument_on_usb_keeps_the_rules_of_a_bus_beside_two_ports_that_are_streams() {
+    usb_scene(|mut usb| {
+        usb.write(b"AXIS1:MOVE 20;*OPC?").unwrap();
+        let [serial, _] = &mut usb.bench.wires;
+        serial.type_in("*ESE 1;*ESE?\n*ESE?\n");
+        usb.settle();
+        assert_eq!(usb.bench.wires[0].answers(), "1\n1\n");
+        assert_eq!(usb.read().unwrap(), b"1\n");
+        assert_eq!(usb.query("AXIS1:POS?;*ESE?").unwrap(), "20.000;0\n");
+        usb.write(b"*IDN?").unwrap();
+        assert_eq!(usb.query("*ESE?").unwrap(), "0\n");
+        assert!(usb.query("SYST:ERR?").unwrap().starts_with("-410,"));
+        assert_eq!(usb.bench.ask(0, ERRORS), NONE);
+        assert_eq!(usb.bench.ask(1, ERRORS), NONE);
+    });
+}
+
+#[test]
+fn the_instrument_on_usb_asks_for_service_at_the_end_of_motion() {
+    usb_scene(|mut usb| {
+        usb.write(b"*ESE 1;*SRE 32;AXIS1:MOVE 20;*OPC").unwrap();
+        assert_eq!(usb.notice(), None);
+        while usb.bench.pass() {
+            usb.settle();
+        }
+        usb.settle();
+        assert_eq!(usb.notice(), Some([0x81, 0x60]));
+    });
+}
+
+#[test]
+fn another_configuration_of_usb_drops_what_was_on_its_way_at_every_packet() {
+    usb_scene(|mut usb| {
+        for fetched in 0..6 {
+            for half in [&b"*ESE 7"[..], b"COMP:DATA?"] {
+                usb.put(&host::message_out(1, half, half.ends_with(b"?"))).unwrap();
+                usb.ask_for(10_000, None).unwrap();
+                (0..fetched).for_each(|_| drop(usb.peek()));
+                usb.reset();
+                usb.bench.cable.extend([PortEvent::Closed, PortEvent::Opened]);
+                assert_eq!(usb.query("*ESE?;:SYST:ERR:COUN?").unwrap(), "0;0\n", "behind {fetched} packets");
+            }
+        }
     });
 }
 
@@ -221,6 +351,23 @@ fn a_pc_that_goes_away_in_mid_line_leaves_nothing_behind() {
         s.wires[1].events.push_back(PortEvent::Opened);
         assert_eq!(s.ask(1, ERRORS), NONE);
         assert_eq!(s.ask(1, "AXIS1:POS:COMM?\n"), "0.000\n");
+    });
+}
+
+#[test]
+fn a_pc_that_falls_asleep_jogs_no_more_and_wakes_up_to_what_it_had() {
+    scene(|mut s| {
+        s.wires[1].type_in("*ESE 7;:SYST:JOG:TIM 60\nAXIS1:MOVE:JOG 1\nAXIS2:MOVE 3\n");
+        s.turns(200);
+        let here = s.ask(0, "AXIS1:POS?\n");
+        s.turns(2_000);
+        assert_ne!(s.ask(0, "AXIS1:POS?\n"), here, "it jogs");
+        s.wires[1].events.push_back(PortEvent::Asleep);
+        s.turns(20_000);
+        let there = s.ask(0, "AXIS1:POS?\n");
+        s.turns(5_000);
+        assert_eq!(s.ask(0, "AXIS1:POS?\n"), there);
+        assert_eq!(s.ask(1, "*ESE?;:AXIS2:POS?\n"), "7;3.000\n");
     });
 }
 

@@ -331,6 +331,36 @@ fn the_longest_record_fits() {
 }
 
 #[test]
+fn the_longest_calibration_fits() {
+    use stage_controller::compensation::calibration::{BLOCK_CAPACITY, Calibration, MotorData, ScrewAxis};
+    let motor = MotorData {
+        step_q32: u64::MAX,
+        row_bits: u8::MAX,
+        backlash_steps: u32::MAX,
+        travel_lower: i32::MIN,
+        travel_upper: i32::MIN,
+        velocity: u64::MAX,
+        acceleration: u64::MAX,
+        jerk: u64::MAX,
+    };
+    let longest = Calibration {
+        name: [u8::MAX; 16],
+        order: stage_controller::units::Axis::ALL,
+        motors: [motor; 6],
+        inverse_slides: [[i32::MIN; 3]; 3],
+        rotary_gain: [i32::MIN; 3],
+        tilt: [[i32::MIN; 3]; 3],
+        second_order: [[i32::MIN; 6]; 3],
+        screws: [ScrewAxis { axis: stage_controller::units::Axis::X, direction: [i32::MIN; 3], point: [i32::MIN; 3] };
+            3],
+        home_rotation: [[i32::MIN; 3]; 3],
+        home_origin: [i32::MIN; 3],
+        fibre_point: [i32::MIN; 3],
+    };
+    assert_eq!(longest.encode(&mut [0; BLOCK_CAPACITY]), Some(733));
+}
+
+#[test]
 fn every_setting_of_the_language_comes_back_after_a_restart() {
     for (calibrated, extreme) in [(true, "MIN"), (true, "MAX"), (false, "MIN"), (false, "MAX")] {
         let front = if calibrated { of_number(0) } else { Front::new() };

@@ -126,7 +126,7 @@ impl Adc {
             return None;
         }
         self.open = NONE;
-        if beyond(self.part) % RING != 0 {
+        if !beyond(self.part).is_multiple_of(RING) {
             self.lose();
             return None;
         }

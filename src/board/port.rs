@@ -1,108 +1,59 @@
-//! Ports of the board: a pipe each way between a driver's tasks and the controller's turn.
+//! What a task that serves a port tells the controller.
 
-use core::sync::atomic::{AtomicU8, Ordering};
+use core::cell::Cell;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::pipe::Pipe;
 use embassy_sync::signal::Signal;
-use stage_controller::hal::{Port, PortEvent};
-
-/// Bytes that wait in either direction.
-const ROOM: usize = 512;
-/// Bytes that the controller looks at together.
-const TOGETHER: usize = 64;
+use stage_controller::hal::PortEvent;
 
 /// Wakes the controller when a port has something for it.
 pub static ARRIVED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
-/// Events in the order in which they are handed on; a bit each.
-const EVENTS: [PortEvent; 2] = [PortEvent::Closed, PortEvent::Opened];
-
-/// What lies between a driver and the controller.
-pub struct Plug {
-    input: Pipe<CriticalSectionRawMutex, ROOM>,
-    output: Pipe<CriticalSectionRawMutex, ROOM>,
-    events: AtomicU8,
+/// Events of a port that the controller has not heard of.
+pub struct Events {
+    closed: Cell<bool>,
+    opened: Cell<bool>,
+    asleep: Cell<bool>,
 }
 
-impl Plug {
-    /// Nothing in it.
+impl Events {
+    /// None.
     pub const fn new() -> Self {
-        Plug { input: Pipe::new(), output: Pipe::new(), events: AtomicU8::new(0) }
+        Events { closed: Cell::new(false), opened: Cell::new(false), asleep: Cell::new(false) }
     }
 
-    /// The driver tells of an event.
-    pub fn ring(&self, event: PortEvent) {
-        let bit = EVENTS.iter().position(|e| *e == event).map_or(0, |n| 1 << n);
-        self.events.fetch_or(bit, Ordering::Relaxed);
+    /// Who was there is not any more.
+    pub fn close(&self) {
+        self.closed.set(true);
         ARRIVED.signal(());
     }
 
-    /// The driver hands on what came; waits while there is no room.
-    pub async fn take_in(&self, bytes: &[u8]) {
-        let mut left = bytes;
-        while !left.is_empty() {
-            let written = self.input.write(left).await;
-            left = &left[written..];
-            ARRIVED.signal(());
-        }
-    }
-
-    /// The driver fetches what is to be sent; waits until there is something.
-    pub async fn fetch(&self, bytes: &mut [u8]) -> usize {
-        let count = self.output.read(bytes).await;
-        // there is room again
+    /// Somebody is there.
+    pub fn open(&self) {
+        self.opened.set(true);
         ARRIVED.signal(());
-        count
-    }
-}
-
-/// The controller's side of a plug.
-pub struct Socket {
-    plug: &'static Plug,
-    bytes: [u8; TOGETHER],
-    from: usize,
-    to: usize,
-}
-
-impl Socket {
-    /// One for each plug.
-    pub fn new(plug: &'static Plug) -> Self {
-        Socket { plug, bytes: [0; TOGETHER], from: 0, to: 0 }
-    }
-}
-
-impl Port for Socket {
-    fn event(&mut self) -> Option<PortEvent> {
-        let first = self.plug.events.load(Ordering::Relaxed).trailing_zeros();
-        let event = EVENTS.get(first as usize)?;
-        self.plug.events.fetch_and(!(1 << first), Ordering::Relaxed);
-        if *event == PortEvent::Closed {
-            // the answers of the one who left are nobody else's
-            self.plug.output.clear();
-        }
-        Some(*event)
     }
 
-    fn received(&mut self) -> &[u8] {
-        if self.from == self.to {
-            (self.from, self.to) = (0, self.plug.input.try_read(&mut self.bytes).unwrap_or(0));
-        }
-        self.bytes.get(self.from..self.to).unwrap_or(&[])
+    /// Who was there is not any more; somebody may have come, who alone counts.
+    pub fn begin(&self, opened: bool) {
+        self.opened.set(opened);
+        self.close();
     }
 
-    fn consume(&mut self, count: usize) {
-        self.from = (self.from + count).min(self.to);
+    /// Who was there sleeps.
+    pub fn sleep(&self) {
+        self.asleep.set(true);
+        ARRIVED.signal(());
     }
 
-    fn room(&self) -> usize {
-        self.plug.output.free_capacity()
+    /// The controller does not know yet that the last one has left.
+    pub fn is_closed(&self) -> bool {
+        self.closed.get()
     }
 
-    fn send(&mut self, bytes: &[u8]) {
-        let mut left = bytes;
-        // the pipe takes what lies together up to its end: two pieces at most
-        while let (false, Ok(written)) = (left.is_empty(), self.plug.output.try_write(left)) {
-            left = &left[written..];
-        }
+    /// The next one for the controller.
+    pub fn take(&self) -> Option<PortEvent> {
+        let events =
+            [(&self.asleep, PortEvent::Asleep), (&self.closed, PortEvent::Closed), (&self.opened, PortEvent::Opened)];
+        events.into_iter().find(|(happened, _)| happened.take()).map(|(_, event)| event)
     }
 }

@@ -86,9 +86,32 @@ impl<const N: usize> Links<N> {
         self.links.iter().any(|link| link.open && link.session.is_waiting())
     }
 
+    /// The session of a link that is open.
+    pub fn session(&mut self, n: usize) -> Option<&mut Session> {
+        self.links.get_mut(n).filter(|link| link.open).map(|link| &mut link.session)
+    }
+
+    /// There was traffic on a link whose bytes go straight to its session.
+    pub fn heard(&mut self, n: usize, now_ms: u64) {
+        if let Some(link) = self.links.get_mut(n) {
+            link.last_traffic_ms = now_ms;
+        }
+    }
+
     /// Executes what can be executed on every link, and ends jogs without traffic. True when something was executed:
     /// [`Front::plan`] is then due, with the latest report.
     pub fn poll(&mut self, front: &mut Front, now_ms: u64) -> bool {
+        self.poll_each(front, now_ms, |_, session, front| session.poll(front))
+    }
+
+    /// As [`Links::poll`]; `poll` executes on one link, by its number.
+    #[inline(always)]
+    pub fn poll_each(
+        &mut self,
+        front: &mut Front,
+        now_ms: u64,
+        mut poll: impl FnMut(usize, &mut Session, &mut Front) -> bool,
+    ) -> bool {
         while let Some(error) = front.take_late_error() {
             self.report(error);
         }
@@ -106,7 +129,7 @@ impl<const N: usize> Links<N> {
             if quiet_ms > BLOCK_TIMEOUT_MS && link.session.awaits_block() {
                 link.session.timeout();
             }
-            progress |= link.session.poll(front);
+            progress |= poll(n, &mut link.session, front);
         }
         progress
     }

@@ -13,6 +13,8 @@ pub enum ErrorNumber {
     InvalidCharacter = -101,
     SyntaxError = -102,
     DataTypeError = -104,
+    #[cfg(feature = "bus")]
+    GetNotAllowed = -105,
     ParameterNotAllowed = -108,
     MissingParameter = -109,
     UndefinedHeader = -113,
@@ -31,9 +33,14 @@ pub enum ErrorNumber {
     QueueOverflow = -350,
     FramingError = -362,
     InputBufferOverrun = -363,
+    #[cfg(feature = "bus")]
     QueryInterrupted = -410,
+    #[cfg(feature = "bus")]
     QueryUnterminated = -420,
+    #[cfg(feature = "bus")]
     QueryDeadlocked = -430,
+    #[cfg(feature = "bus")]
+    QueryAfterIndefinite = -440,
     NotHomed = 101,
     LimitSwitch = 102,
     EmergencyStop = 103,
@@ -55,6 +62,8 @@ impl ErrorNumber {
         ErrorNumber::InvalidCharacter,
         ErrorNumber::SyntaxError,
         ErrorNumber::DataTypeError,
+        #[cfg(feature = "bus")]
+        ErrorNumber::GetNotAllowed,
         ErrorNumber::ParameterNotAllowed,
         ErrorNumber::MissingParameter,
         ErrorNumber::UndefinedHeader,
@@ -73,9 +82,14 @@ impl ErrorNumber {
         ErrorNumber::QueueOverflow,
         ErrorNumber::FramingError,
         ErrorNumber::InputBufferOverrun,
+        #[cfg(feature = "bus")]
         ErrorNumber::QueryInterrupted,
+        #[cfg(feature = "bus")]
         ErrorNumber::QueryUnterminated,
+        #[cfg(feature = "bus")]
         ErrorNumber::QueryDeadlocked,
+        #[cfg(feature = "bus")]
+        ErrorNumber::QueryAfterIndefinite,
         ErrorNumber::NotHomed,
         ErrorNumber::LimitSwitch,
         ErrorNumber::EmergencyStop,
@@ -102,6 +116,8 @@ impl ErrorNumber {
             ErrorNumber::InvalidCharacter => "Invalid character",
             ErrorNumber::SyntaxError => "Syntax error",
             ErrorNumber::DataTypeError => "Data type error",
+            #[cfg(feature = "bus")]
+            ErrorNumber::GetNotAllowed => "GET not allowed",
             ErrorNumber::ParameterNotAllowed => "Parameter not allowed",
             ErrorNumber::MissingParameter => "Missing parameter",
             ErrorNumber::UndefinedHeader => "Undefined header",
@@ -120,9 +136,14 @@ impl ErrorNumber {
             ErrorNumber::QueueOverflow => "Queue overflow",
             ErrorNumber::FramingError => "Framing error in program message",
             ErrorNumber::InputBufferOverrun => "Input buffer overrun",
+            #[cfg(feature = "bus")]
             ErrorNumber::QueryInterrupted => "Query INTERRUPTED",
+            #[cfg(feature = "bus")]
             ErrorNumber::QueryUnterminated => "Query UNTERMINATED",
+            #[cfg(feature = "bus")]
             ErrorNumber::QueryDeadlocked => "Query DEADLOCKED",
+            #[cfg(feature = "bus")]
+            ErrorNumber::QueryAfterIndefinite => "Query UNTERMINATED after indefinite response",
             ErrorNumber::NotHomed => "Axis not homed",
             ErrorNumber::LimitSwitch => "Limit switch active",
             ErrorNumber::EmergencyStop => "Emergency stop",
@@ -139,10 +160,51 @@ impl ErrorNumber {
         }
     }
 
+    /// Writes the text: from all of them in one piece, because a choice among so many takes twice the flash.
+    fn write(self, to: &mut dyn Write) -> fmt::Result {
+        let mut texts = TEXTS.as_slice();
+        for number in Self::ALL {
+            let Some((length, rest)) = texts.split_first() else { return Err(fmt::Error) };
+            let Some((text, rest)) = rest.split_at_checked(usize::from(*length)) else { return Err(fmt::Error) };
+            if *number == self {
+                return text.iter().try_for_each(|byte| to.write_char(char::from(*byte)));
+            }
+            texts = rest;
+        }
+        Err(fmt::Error)
+    }
+
     /// True for a command error: the rest of the message is then dropped.
     pub const fn is_command_error(self) -> bool {
         matches!(self.code(), -199..=-100)
     }
+}
+
+/// Every text with its length in front of it, in the order of [`ErrorNumber::ALL`].
+static TEXTS: [u8; texts_length()] = {
+    let mut texts = [0; texts_length()];
+    let (mut at, mut n) = (0, 0);
+    while n < ErrorNumber::ALL.len() {
+        let text = ErrorNumber::ALL[n].description().as_bytes();
+        texts[at] = text.len() as u8;
+        let mut byte = 0;
+        while byte < text.len() {
+            texts[at + 1 + byte] = text[byte];
+            byte += 1;
+        }
+        at += 1 + text.len();
+        n += 1;
+    }
+    texts
+};
+
+const fn texts_length() -> usize {
+    let (mut length, mut n) = (0, 0);
+    while n < ErrorNumber::ALL.len() {
+        length += 1 + ErrorNumber::ALL[n].description().len();
+        n += 1;
+    }
+    length
 }
 
 /// What an error names, kept small and plain; rendered as text when the queue is read.
@@ -374,7 +436,7 @@ impl Error {
     pub fn write(&self, to: &mut dyn Write) -> fmt::Result {
         write_integer(to, self.number.code().into())?;
         to.write_str(",\"")?;
-        to.write_str(self.number.description())?;
+        self.number.write(to)?;
         if !matches!(self.detail, Detail::None) {
             to.write_str(";")?;
             self.detail.write(to)?;
@@ -405,6 +467,14 @@ mod tests {
             Error::limit(Axis::Alpha, -17_453_293, -8_726_646, true).to_string(),
             "-222,\"Data out of range;AXIS4 motor -1.00000003 deg below -0.49999999 deg\""
         );
+    }
+
+    #[test]
+    fn every_number_has_its_text() {
+        for number in ErrorNumber::ALL {
+            let text = std::format!("{},\"{}\"", number.code(), number.description());
+            assert_eq!(Error::from(*number).to_string(), text);
+        }
     }
 
     #[test]

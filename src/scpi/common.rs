@@ -5,7 +5,7 @@ use crate::scpi::parser::Call;
 use crate::scpi::response::Response;
 use crate::scpi::session::Flow;
 use crate::scpi::status::{Bank, LinkStatus};
-use crate::scpi::tree::{Command, TABLE, help_length};
+use crate::scpi::tree::{Command, HELP_LENGTH, Walk};
 
 /// What a query or a mask of a SCPI register means.
 #[derive(Clone, Copy)]
@@ -74,15 +74,18 @@ fn error_all(status: &mut LinkStatus, out: &mut Response) -> Flow {
 /// As many lines a call as fit; the cursor counts entries.
 fn help_headers(out: &mut Response) -> Flow {
     if out.cursor() == 0 {
-        out.block_head(help_length());
+        out.block_head(HELP_LENGTH);
     }
-    let first = out.cursor();
-    for (next, entry) in (first..).zip(TABLE.iter().skip(first as usize)) {
-        if out.room() < HELP_LINE_MAX {
-            out.resume_at(next);
-            return Flow::More;
+    let (first, mut next, mut walk) = (out.cursor(), 0, Walk::begin());
+    while let Some(header) = walk.step(None) {
+        if next >= first {
+            if out.room() < HELP_LINE_MAX {
+                out.resume_at(next);
+                return Flow::More;
+            }
+            let _ = walk.write(header, out);
         }
-        let _ = entry.write(out);
+        next += 1;
     }
     Flow::Done
 }

@@ -11,6 +11,9 @@ use heapless::Vec;
 pub const MESSAGE_MAX: usize = 512;
 /// Most block data in one message.
 pub const BLOCK_MAX: usize = 4096;
+/// Block data that is kept of one message: the largest calibration, which is all that a block can bring, and half of
+/// another. Of more, the last block is shortened: its command sees what is none of its own, and refuses it.
+pub const BLOCK_KEPT: usize = 1280;
 /// The byte that clears a link (CAN; block data excepted).
 pub const CLEAR: u8 = 0x18;
 
@@ -81,6 +84,11 @@ impl Framer {
         matches!(self.state, State::Hash | State::Length { .. } | State::Block { .. })
     }
 
+    /// True at the start of a line: no message has begun.
+    pub fn is_at_start(&self) -> bool {
+        self.state == State::LineStart
+    }
+
     /// True inside a string.
     pub fn in_string(&self) -> bool {
         matches!(self.state, State::Quoted(_))
@@ -89,14 +97,16 @@ impl Framer {
     /// Takes the next byte.
     #[inline(always)]
     pub fn step(&mut self, byte: u8) -> Class {
-        // Letters, digits, signs and points of a message: most bytes are such. What else means something lies before.
-        if byte > b','
-            && let State::Text { gap } = &mut self.state
-        {
-            *gap = false;
-            return Class::Text;
-        }
-        self.step_any(byte)
+        if self.is_plain(byte) { Class::Text } else { self.step_any(byte) }
+    }
+
+    /// Takes the next byte if it is a letter, digit, sign or point of a message, as most bytes are: what means something
+    /// lies before them.
+    #[inline(always)]
+    pub fn is_plain(&mut self, byte: u8) -> bool {
+        let State::Text { gap } = &mut self.state else { return false };
+        *gap &= byte <= b',';
+        byte > b','
     }
 
     #[inline(never)]
@@ -175,8 +185,12 @@ pub enum Event {
 #[derive(Clone, Debug, Default)]
 pub struct Lexer {
     framer: Framer,
-    text: Vec<u8, { MESSAGE_MAX + BLOCK_MAX }>,
+    text: Vec<u8, { MESSAGE_MAX + BLOCK_KEPT }>,
+    /// Block data that came, and how much of it is kept.
     block_bytes: usize,
+    block_kept: usize,
+    /// Where the `#` of the last block stands.
+    block_at: usize,
     /// Nothing more is kept of this message (its block is too large): what is there ends in a broken block.
     cut: bool,
     too_long: bool,
@@ -190,6 +204,8 @@ impl Lexer {
             framer: Framer::new(),
             text: Vec::new(),
             block_bytes: 0,
+            block_kept: 0,
+            block_at: 0,
             cut: false,
             too_long: false,
             carriage_return: false,
@@ -212,7 +228,13 @@ impl Lexer {
             Class::End => Event::Message,
             Class::BlockData => {
                 self.block_bytes += 1;
-                self.keep(byte);
+                self.cut |= self.block_bytes > BLOCK_MAX;
+                if self.block_kept < BLOCK_KEPT {
+                    self.block_kept += 1;
+                    self.keep(byte);
+                } else if !self.in_block() {
+                    self.shorten_block();
+                }
                 Event::None
             }
             Class::Text if byte == b'\r' => {
@@ -220,9 +242,12 @@ impl Lexer {
                 self.carriage_return = true;
                 Event::None
             }
-            Class::Text | Class::Quoted | Class::BlockHead => {
+            class @ (Class::Text | Class::Quoted | Class::BlockHead) => {
                 self.flush_carriage_return();
-                if self.text.len() - self.block_bytes.min(self.text.len()) >= MESSAGE_MAX {
+                if class == Class::BlockHead && byte == b'#' {
+                    self.block_at = self.text.len();
+                }
+                if self.text.len().saturating_sub(self.block_kept) >= MESSAGE_MAX {
                     self.too_long = true;
                 }
                 self.keep(byte);
@@ -240,9 +265,20 @@ impl Lexer {
 
     #[inline(never)]
     fn keep(&mut self, byte: u8) {
-        self.cut |= self.block_bytes > BLOCK_MAX;
         if !self.cut && !self.too_long && self.text.push(byte).is_err() {
             self.too_long = true;
+        }
+    }
+
+    /// The last block has ended, and is not all there: its head says what is.
+    #[inline(never)]
+    fn shorten_block(&mut self) {
+        let Some([b'#', digits, rest @ ..]) = self.text.get_mut(self.block_at..).filter(|_| !self.cut) else { return };
+        let Some((length, data)) = rest.split_at_mut_checked(usize::from(digits.wrapping_sub(b'0'))) else { return };
+        let mut left = data.len();
+        for digit in length.iter_mut().rev() {
+            *digit = b'0' + (left % 10) as u8;
+            left /= 10;
         }
     }
 
@@ -254,13 +290,18 @@ impl Lexer {
     /// Forgets the message.
     pub fn release(&mut self) {
         self.text.clear();
-        self.block_bytes = 0;
+        (self.block_bytes, self.block_kept) = (0, 0);
         (self.cut, self.too_long, self.carriage_return) = (false, false, false);
     }
 
     /// True while a block is awaited.
     pub fn in_block(&self) -> bool {
         self.framer.in_block()
+    }
+
+    /// True when no message has begun.
+    pub fn is_at_start(&self) -> bool {
+        self.framer.is_at_start()
     }
 
     /// No byte came for two seconds: a block that is awaited is given up, its message is [`Event::Message`] with a
@@ -338,14 +379,33 @@ mod tests {
     }
 
     #[test]
-    fn a_block_of_4096_bytes_passes_and_a_larger_one_is_cut_but_never_read_as_commands() {
+    fn of_a_block_of_4096_bytes_the_first_ones_pass_and_a_larger_one_is_cut_but_never_read_as_commands() {
         let block = |n: usize| [std::format!("L #4{n:04}").as_bytes(), &vec![b'\n'; n], b"\nOK\n"].concat();
-        let full = block(4096);
-        assert_eq!(run(&full), [message(&full[..4096 + 8]), message(b"OK")]);
+        let full = block(BLOCK_KEPT);
+        assert_eq!(run(&full), [message(&full[..BLOCK_KEPT + 8]), message(b"OK")]);
+        assert_eq!(run(&block(4096)), [message(&full[..BLOCK_KEPT + 8]), message(b"OK")]);
         let events = run(&block(4097));
         assert_eq!(events.len(), 2);
         assert!(events[0].1.len() < 4097 + 8, "the parser sees a short block");
         assert_eq!(events[1], message(b"OK"));
+    }
+
+    #[test]
+    fn a_block_that_is_not_kept_whole_says_so_and_what_stands_behind_it_is_read() {
+        let data = |n: usize| vec![b'x'; n];
+        let sent = [b"L #41000", &data(1000)[..], b";M #9000000500", &data(500), b";N #15abcde;O 1\n"].concat();
+        let kept = [b"L #41000", &data(1000)[..], b";M #9000000280", &data(280), b";N #10;O 1"].concat();
+        assert_eq!(run(&sent), [message(&kept)]);
+    }
+
+    #[test]
+    fn a_large_block_that_is_given_up_is_a_short_one() {
+        let mut lexer = Lexer::default();
+        for byte in [b"L #43000", &vec![b'x'; 2999][..]].concat() {
+            assert_eq!(lexer.push(byte), Event::None);
+        }
+        assert_eq!(lexer.timeout(), Event::Message);
+        assert!(lexer.message().starts_with(b"L #43000x"));
     }
 
     #[test]

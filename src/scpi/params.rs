@@ -103,6 +103,9 @@ impl<'m> Params<'m> {
         let (mut framer, mut depth) = (Framer::parameter(), 0u32);
         let mut end = rest.len();
         for (n, byte) in rest.iter().enumerate() {
+            if framer.is_plain(*byte) {
+                continue;
+            }
             match (framer.step(*byte), byte) {
                 (Class::Text, b'(') => depth += 1,
                 (Class::Text, b')') if depth == 0 => return Err(Error::token(ErrorNumber::SyntaxError, rest)),

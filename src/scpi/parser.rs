@@ -3,7 +3,7 @@
 use crate::error::{Error, ErrorNumber};
 use crate::scpi::lexer::{Class, Framer, is_space};
 use crate::scpi::params::Params;
-use crate::scpi::tree::{self, Command, Entry};
+use crate::scpi::tree::{self, Command, Header};
 use crate::units::Axis;
 use heapless::Vec;
 
@@ -24,8 +24,6 @@ impl Path {
 /// One unit of a message, ready to be executed.
 #[derive(Clone, Copy, Debug)]
 pub struct Call<'m> {
-    /// Its place in the table.
-    pub entry: &'static Entry,
     /// Which command.
     pub command: Command,
     /// The number in the header, 1..6, where the pattern has one.
@@ -122,7 +120,7 @@ fn parse<'m>(
     if count > most {
         return Err(params.nth_error(most, ErrorNumber::ParameterNotAllowed));
     }
-    Ok(Call { entry, command: entry.command, suffix, query, params })
+    Ok(Call { command: entry.command, suffix, query, params })
 }
 
 fn check_header(header: &[u8]) -> Result<(), Error> {
@@ -144,7 +142,7 @@ fn find(
     name: &[u8],
     query: bool,
     path: &mut Path,
-) -> Result<(&'static Entry, Option<u8>), ErrorNumber> {
+) -> Result<(&'static Header, Option<u8>), ErrorNumber> {
     let common = name.first() == Some(&b'*');
     let rooted = name.first() == Some(&b':');
     let mut places = if common || rooted { Vec::new() } else { path.0.clone() };

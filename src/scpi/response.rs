@@ -251,6 +251,18 @@ impl Response {
         self.read < self.bytes.len()
     }
 
+    /// The message that is executed has an answer, which has not ended yet.
+    #[cfg(feature = "bus")]
+    pub(super) const fn is_open(&self) -> bool {
+        self.message_open
+    }
+
+    /// Bytes that the link can take.
+    #[cfg(feature = "bus")]
+    pub(super) fn available(&self) -> usize {
+        self.bytes.len().saturating_sub(self.read)
+    }
+
     /// Moves answers to the link; says how many bytes.
     pub fn transmit(&mut self, to: &mut [u8]) -> usize {
         let from = self.bytes.get(self.read..).unwrap_or(&[]);

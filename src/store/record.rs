@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 /// Version of the record. Raised when a field changes; `decode` then reads the older ones too.
 pub const RECORD_VERSION: u16 = 2;
 /// Longest record in bytes: the largest calibration block and every number at its longest.
-pub const RECORD_CAPACITY: usize = 2560;
+pub const RECORD_CAPACITY: usize = 2304;
 /// Room for a record, for everything that reads or writes one; may be used for other things in between.
 pub type Buffer = [u8; RECORD_CAPACITY];
 

@@ -28,20 +28,31 @@ def program():
 
 
 class Server:
-    """A running `host-sim serve` with so many boards (or other sockets), and terminals: one a board."""
+    """A running `host-sim serve` with so many boards (or other sockets), and terminals: one a board. With --gpib a
+    gateway too, with --hislip a HiSLIP server."""
 
     def __init__(self, path, *args, boards=1, terminals=None):
         command = [path, "serve", "--port", "0", *args]
         pipe, self.errors = subprocess.PIPE, tempfile.TemporaryFile("w+")
         self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self.errors, text=True)
-        self.tcp, self.pty = [], []
-        while len(self.tcp) < boards or len(self.pty) < (boards if terminals is None else terminals):
+        self.tcp, self.pty, self.gpib, self.hislip = [], [], None, None
+        terminals = boards if terminals is None else terminals
+        while (
+            len(self.tcp) < boards
+            or len(self.pty) < terminals
+            or ("--gpib" in args and not self.gpib)
+            or ("--hislip" in args and not self.hislip)
+        ):
             line = self.process.stdout.readline()
             assert line, f"{command} ended with {self.process.wait()}"
             if found := re.match(r"\s*TCP\s+(\S+):(\d+)", line):
                 self.tcp.append((found[1], int(found[2])))
             elif found := re.match(r"\s*PTY\s+(\S+)", line):
                 self.pty.append(found[1])
+            elif found := re.match(r"\s*GPIB\s+(\S+):(\d+)", line):
+                self.gpib = (found[1], int(found[2]))
+            elif found := re.match(r"\s*HiSLIP\s+(\S+):(\d+)", line):
+                self.hislip = (found[1], int(found[2]))
 
     def resource(self, transport, board=0):
         """The VISA name of a board."""

@@ -82,7 +82,7 @@ def test_without_light_the_example_says_so_and_the_stages_stand_where_they_began
     server.hand("laser off")
     done = align(server)
     assert done.returncode != 0 and "no light" in done.stderr, done.stdout + done.stderr
-    assert re.findall(r"(\w+) side searched: 1;113,.*", done.stdout) == ["input"], done.stdout
+    assert re.findall(r"(\w+) side searched: 113,.*", done.stdout) == ["input"], done.stdout
     for board in (INPUT, OUTPUT):
         assert pose(connect(server, "tcp", board)) == pytest.approx([0] * 6, abs=0.05)
 

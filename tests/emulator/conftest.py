@@ -31,6 +31,26 @@ def host_sim():
     return _program("HOST_SIM", "cargo build --release -p host-sim")
 
 
+@pytest.fixture
+def board(firmware):
+    """A board whose program runs; afterwards, what the program did must have been what the chip takes."""
+    import lab
+
+    board = lab.power_up(firmware)
+    yield board
+    assert board.bus.warnings == [], "the program did what the chip does not take"
+
+
+@pytest.fixture
+def host(board):
+    """A PC at its USB that has just enumerated it."""
+    from stm32f4.usb_host import UsbHost
+
+    host = UsbHost(board)
+    host.plug()
+    return host.enumerate()
+
+
 _worst = {"stack": 0, "critical": (0, 0, "")}
 
 
@@ -45,6 +65,19 @@ def _sum_up():
         if board.rcc.system_hz == CORE_HZ:  # they are counted in instructions
             _worst["critical"] = max(_worst["critical"], *board.longest_masked(), (0, 0, ""))
     lab.BOARDS.clear()
+
+
+def pytest_sessionfinish(session):
+    """One of several processes tells the one that sums up."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["worst"] = _worst
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    worst = getattr(node, "workeroutput", {}).get("worst", _worst)
+    _worst["stack"] = max(_worst["stack"], worst["stack"])
+    _worst["critical"] = max(_worst["critical"], tuple(worst["critical"]))
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -5,8 +5,9 @@ use super::common::load;
 use crate::bench_twin::{self, Bench, Side, Start};
 use crate::control::Hand;
 use crate::flash::Flash;
+use crate::gpib::{Bus, Ports};
 use crate::machine::Machine;
-use crate::server::{BenchStation, MeterStation, Options, Served, Speed, Station, serve};
+use crate::server::{BenchStation, Boards, MeterStation, OnBus, OnHislip, Options, Served, Speed, Station, serve};
 use crate::session::power_up_from;
 use mio::Poll;
 use std::io::{self, IsTerminal, Write};
@@ -32,6 +33,14 @@ pub struct Args {
     /// TCP port of the first board; the next ones follow. 0: the system chooses.
     #[arg(long, default_value_t = 5025)]
     port: u16,
+    /// TCP port of a GPIB gateway, as a Prologix GPIB-ETHERNET has it: boards at the addresses 5, 6, ... and behind them
+    /// the power meter of a bench; docs/BUS.md. 0: the system chooses.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "1234")]
+    gpib: Option<u16>,
+    /// TCP port of a HiSLIP server: boards are `hislip0`, `hislip1`, ..., and behind them the power meter of a bench.
+    /// 0: the system chooses.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "4880")]
+    hislip: Option<u16>,
     /// `max`, or a factor of real time.
     #[arg(long, default_value = "1", value_parser = speed)]
     speed: Speed,
@@ -104,7 +113,28 @@ impl Args {
         if let Some(address) = stations.first().and_then(|s| s.address().ok()) {
             println!("\nFrom Python (pip install pyvisa pyvisa-py):\n{}", snippet(address));
         }
-        self.until_interrupted(&mut stations, poll)
+        if self.gpib.is_none() && self.hislip.is_none() {
+            return self.until_interrupted(&mut stations, poll);
+        }
+        self.serve_on_bus(Boards::new(stations).ok_or_else(no_link)?, poll)
+    }
+
+    /// Serves behind a gateway too, if one is wanted.
+    fn serve_on_bus(&self, served: impl Served + Bus + Ports, poll: Poll) -> Result<(), Failure> {
+        let Some(port) = self.gpib else { return self.serve_on_hislip(served, poll) };
+        let address = SocketAddr::new(self.bind, port);
+        let served = OnBus::new(served, address, &poll).map_err(|source| at("--gpib", address, source))?;
+        println!("GPIB gateway\n  GPIB  {}", served.address().map_err(|source| self.net(source))?);
+        self.serve_on_hislip(served, poll)
+    }
+
+    /// Serves HiSLIP clients too, if they are wanted.
+    fn serve_on_hislip(&self, served: impl Served + Ports, poll: Poll) -> Result<(), Failure> {
+        let Some(port) = self.hislip else { return self.until_interrupted(&mut [served], poll) };
+        let address = SocketAddr::new(self.bind, port);
+        let served = OnHislip::new(served, address, &poll).map_err(|source| at("--hislip", address, source))?;
+        println!("HiSLIP server\n  HiSLIP  {}", served.address().map_err(|source| self.net(source))?);
+        self.until_interrupted(&mut [served], poll)
     }
 
     fn serve_bench(&self, seed: u64, drawing: Machine, poll: Poll) -> Result<(), Failure> {
@@ -118,13 +148,17 @@ impl Args {
         };
         let mut stations = [station(Side::Input)?, station(Side::Output)?];
         let address = SocketAddr::new(self.bind, self.port_of(2)?);
-        let meter = MeterStation::new(address, &poll).map_err(|source| at(address, source))?;
+        let meter = MeterStation::new(address, &poll).map_err(|source| at("--port", address, source))?;
         println!("Bench {seed}, two stages of machine \"{name}\"");
         for (side, station) in ["Input side", "Output side"].into_iter().zip(&mut stations) {
             self.introduce(side, station)?;
         }
         println!("Power meter\n  TCP  {}", meter.address().map_err(|source| self.net(source))?);
-        self.until_interrupted(&mut [BenchStation::new(bench, stations, meter, self.speed)], poll)
+        let mut bench = BenchStation::new(bench, stations, meter, self.speed);
+        if self.gpib.is_some() && !bench.attach() {
+            return Err(no_link());
+        }
+        self.serve_on_bus(bench, poll)
     }
 
     /// A board, counted from 0, that turns the motors of `truth` and knows what `believed` says of it.
@@ -138,7 +172,7 @@ impl Args {
         let refused = |reason| Failure::Refused(format!("{}: {reason}", self.machine.display()));
         let mut store = flash(self.settings.as_deref(), board)?.store();
         let front = power_up_from(&mut store, believed, self.cold).map_err(refused)?;
-        Station::new(truth, front, store, &options, poll).map_err(|source| at(options.address, source))
+        Station::new(truth, front, store, &options, poll).map_err(|source| at("--port", options.address, source))
     }
 
     /// Port of a board or of the meter behind them.
@@ -177,8 +211,14 @@ impl Args {
     }
 }
 
-fn at(address: SocketAddr, source: io::Error) -> Failure {
-    let hint = if source.kind() == io::ErrorKind::AddrInUse { " (--port takes another)" } else { "" };
+fn no_link() -> Failure {
+    Failure::Refused("a board has no link left for the bus".to_owned())
+}
+
+/// What has become of an address that an `option` gives.
+fn at(option: &str, address: SocketAddr, source: io::Error) -> Failure {
+    let taken = source.kind() == io::ErrorKind::AddrInUse;
+    let hint = if taken { format!(" ({option} takes another)") } else { String::new() };
     Failure::Io { path: format!("{address}{hint}"), source }
 }
 

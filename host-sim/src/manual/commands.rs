@@ -46,10 +46,10 @@ pub fn sections() -> String {
 fn section(entry: &Entry, text: &mut String) {
     let header = entry.pattern.replace('#', if *entry.numbers().end() == 2 { "<ch>" } else { "<n>" });
     let _ = writeln!(text, "#### `{header}`\n\n```text");
-    if entry.has(false) {
+    if entry.form.has(false) {
         let _ = writeln!(text, "{header}{}", list(entry.params));
     }
-    if entry.has(true) {
+    if entry.form.has(true) {
         let _ = writeln!(text, "{header}?{}", list(entry.query_params));
     }
     let _ = writeln!(text, "```\n\n{}\n", entry.help);

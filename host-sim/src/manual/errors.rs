@@ -34,7 +34,11 @@ fn when(number: ErrorNumber) -> Option<&'static str> {
         QueueOverflow => "more than 16 errors; the oldest are kept",
         FramingError => "a damaged byte on the serial port, most often a wrong baud rate; the message is dropped",
         InputBufferOverrun => "a message longer than 512 bytes, or bytes that came faster than they could be taken",
-        QueryInterrupted | QueryUnterminated | QueryDeadlocked => "kept for GPIB gateways",
+        GetNotAllowed => "on a bus: a trigger in the middle of a message",
+        QueryInterrupted => "on a bus: something was sent before the answer was read; the answer is dropped",
+        QueryUnterminated => "on a bus: an answer was read and nothing had been asked, or not to the end",
+        QueryDeadlocked => "kept; a message is executed when all of it is there, so that nothing can deadlock",
+        QueryAfterIndefinite => "on a bus: a query behind `*IDN?` or `*OPT?` in the same message",
         NotHomed => "`POSE` or `AXIS<n>:MOVE` before the axes are homed; homing did not find its switch",
         LimitSwitch => {
             "a limit switch stopped the motors, or a move leads towards an active one; the text names axis and switch"

@@ -1,11 +1,13 @@
 //! Entries of the error queue (SCPI-99 volume 2, 21.8).
 
+use stage_controller::error::ErrorNumber;
 use std::collections::VecDeque;
 use std::fmt;
 
 /// Entries that are kept.
 const ROOM: usize = 16;
 /// Bits of the standard event status register (IEEE 488.2, 11.5.1).
+const QUERY: u8 = 4;
 const DEVICE: u8 = 8;
 const EXECUTION: u8 = 16;
 const COMMAND: u8 = 32;
@@ -39,6 +41,7 @@ impl Entry {
         match self.number {
             -199..=-100 => COMMAND,
             -299..=-200 => EXECUTION,
+            -499..=-400 => QUERY,
             _ => DEVICE,
         }
     }
@@ -55,10 +58,21 @@ impl Entry {
             -350 => "Queue overflow",
             -363 => "Input buffer overrun",
             COLLISION => "Collision",
-            _ => "Device error",
+            // the same on every instrument
+            number => {
+                BUS.iter().find(|error| error.code() == number).map_or("Device error", |error| error.description())
+            }
         }
     }
 }
+
+/// Errors of the message exchange.
+const BUS: [ErrorNumber; 4] = [
+    ErrorNumber::GetNotAllowed,
+    ErrorNumber::QueryInterrupted,
+    ErrorNumber::QueryUnterminated,
+    ErrorNumber::QueryAfterIndefinite,
+];
 
 /// The faces have touched.
 pub(super) const COLLISION: i16 = 201;

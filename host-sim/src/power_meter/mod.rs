@@ -7,6 +7,7 @@
 
 mod command;
 mod error;
+mod exchange;
 mod session;
 #[cfg(test)]
 mod tests;

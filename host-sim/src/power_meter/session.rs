@@ -5,7 +5,7 @@ use super::error::{COLLISION, Entry, Queue};
 use super::{READINGS, SETTLE_TICKS, SWITCH_TICKS};
 use crate::bench_twin::{Bench, Sees};
 use crate::optics::{dbm, milliwatts};
-use stage_controller::scpi::lexer::{Event, Lexer};
+use stage_controller::scpi::lexer::{CLEAR, Event, Lexer};
 use std::collections::VecDeque;
 
 /// Output that the link has not taken yet, beyond which no more is executed, bytes.
@@ -22,7 +22,7 @@ const POWER_ON: u8 = 128;
 
 /// What the message waits for.
 #[derive(Clone, Debug)]
-enum Wait {
+pub(super) enum Wait {
     /// The switch settles until this tick.
     Switch(u64),
     /// Readings of a mean, from this tick on.
@@ -32,18 +32,20 @@ enum Wait {
 /// One link: its message, its queue and registers.
 #[derive(Clone, Debug)]
 pub struct Session {
-    lexer: Lexer,
+    pub(super) lexer: Lexer,
     /// The message that is executed, and where its next unit begins.
-    message: Option<(String, usize)>,
+    pub(super) message: Option<(String, usize)>,
     path: Path,
-    answers: Vec<String>,
-    wait: Option<Wait>,
-    output: VecDeque<u8>,
-    queue: Queue,
+    pub(super) answers: Vec<String>,
+    pub(super) wait: Option<Wait>,
+    pub(super) output: VecDeque<u8>,
+    pub(super) queue: Queue,
     event_enable: u8,
     service_enable: u8,
     /// The collision is in the queue, or was.
     told: bool,
+    /// The message has asked for an answer that nothing may follow on a bus.
+    pub(super) indefinite: bool,
 }
 
 impl Default for Session {
@@ -66,6 +68,7 @@ impl Session {
             event_enable: 0,
             service_enable: 0,
             told: false,
+            indefinite: false,
         }
     }
 
@@ -73,35 +76,63 @@ impl Session {
     pub fn receive(&mut self, bytes: &[u8]) -> usize {
         for (n, byte) in bytes.iter().enumerate() {
             if self.message.is_some() {
-                return n;
+                // a clear is seen behind what waits, too
+                let Some(clear) = bytes[n..].iter().position(|byte| *byte == CLEAR) else { return n };
+                self.device_clear();
+                return n + clear + 1;
             }
-            match self.lexer.push(*byte) {
-                Event::Message => {
-                    let text = String::from_utf8_lossy(self.lexer.message()).into_owned();
-                    self.lexer.release();
-                    (self.message, self.path) = (Some((text, 0)), Path::new());
-                }
-                Event::TooLong => self.queue.push(Entry::new(-363, "message longer than 512 bytes")),
-                Event::Clear => self.output.clear(),
-                Event::Abort | Event::None => {}
-            }
+            let event = self.lexer.push(*byte);
+            self.framed(event);
         }
         bytes.len()
     }
 
+    pub(super) fn framed(&mut self, event: Event) {
+        match event {
+            Event::Message => {
+                let text = String::from_utf8_lossy(self.lexer.message()).into_owned();
+                self.lexer.release();
+                (self.message, self.path, self.indefinite) = (Some((text, 0)), Path::new(), false);
+            }
+            Event::TooLong => self.queue.push(Entry::new(-363, "message longer than 512 bytes")),
+            Event::Clear => self.device_clear(),
+            Event::Abort | Event::None => {}
+        }
+    }
+
+    /// 0x18, device clear: drops input, output and a reading; the switch goes where it was sent.
+    pub fn device_clear(&mut self) {
+        self.lexer.clear();
+        self.output.clear();
+        self.give_up();
+    }
+
+    /// Drops the message that is executed, and what it has answered so far.
+    pub(super) fn give_up(&mut self) {
+        self.message = None;
+        self.answers.clear();
+        if matches!(self.wait, Some(Wait::Reading { .. })) {
+            self.wait = None;
+        }
+    }
+
     /// Executes what can be executed at this tick of the bench; true when something was.
     pub fn poll(&mut self, bench: &mut Bench, tick: u64) -> bool {
+        self.advance(bench, tick, |_| true)
+    }
+
+    /// Executes what can be executed, for as long as `goes_on` says so; it is asked in front of every unit.
+    pub(super) fn advance(&mut self, bench: &mut Bench, tick: u64, mut goes_on: impl FnMut(&mut Self) -> bool) -> bool {
         self.look_at(bench);
         let mut progress = false;
-        while self.output.len() < OUTPUT && !self.waits(tick) {
+        while self.output.len() < OUTPUT && !self.waits(tick) && goes_on(self) {
             let Some((text, at)) = self.message.take() else { break };
             progress = true;
             if at > text.len() {
                 self.end_message();
                 continue;
             }
-            let end = text[at..].find(';').map_or(text.len(), |end| at + end);
-            let unit = text[at..end].trim();
+            let (unit, end) = unit_at(&text, at);
             let result = match unit.is_empty() {
                 true => Ok(()),
                 false => Command::parse(unit, &mut self.path).and_then(|command| self.execute(&command, bench, tick)),
@@ -147,7 +178,7 @@ impl Session {
         false
     }
 
-    fn end_message(&mut self) {
+    pub(super) fn end_message(&mut self) {
         if !self.answers.is_empty() {
             self.output.extend(std::mem::take(&mut self.answers).join(";").bytes());
             self.output.push_back(b'\n');
@@ -157,6 +188,7 @@ impl Session {
     fn execute(&mut self, command: &Command, bench: &mut Bench, tick: u64) -> Result<(), Entry> {
         let answer = match command {
             Command::Identify => {
+                self.indefinite = true;
                 concat!("Stage Controller,Power meter and switch,0,", env!("CARGO_PKG_VERSION")).to_owned()
             }
             Command::SelfTest => "0".to_owned(),
@@ -218,10 +250,22 @@ impl Session {
         Ok(())
     }
 
-    fn status_byte(&self) -> u8 {
+    /// The unit that comes next is a query.
+    pub(super) fn is_at_query(&self) -> bool {
+        let Some((text, at)) = self.message.as_ref().filter(|(text, at)| *at <= text.len()) else { return false };
+        let (unit, _) = unit_at(text, *at);
+        unit.split_ascii_whitespace().next().is_some_and(|header| header.ends_with('?'))
+    }
+
+    /// The status byte (IEEE 488.2, 11.2), MSS in bit 6.
+    pub fn status_byte(&self) -> u8 {
+        self.status_byte_with(!self.output.is_empty())
+    }
+
+    pub(super) fn status_byte_with(&self, message_available: bool) -> u8 {
         let mut status = 0;
         status |= if self.queue.len() > 0 { STATUS_ERRORS } else { 0 };
-        status |= if self.output.is_empty() { 0 } else { STATUS_MESSAGE };
+        status |= if message_available { STATUS_MESSAGE } else { 0 };
         status |= if self.queue.events & self.event_enable != 0 { STATUS_EVENTS } else { 0 };
         status | if status & self.service_enable != 0 { STATUS_MASTER } else { 0 }
     }
@@ -260,4 +304,10 @@ impl Session {
         }
         count
     }
+}
+
+/// The unit of a message that begins at a place, and where it ends.
+fn unit_at(text: &str, at: usize) -> (&str, usize) {
+    let end = text[at..].find(';').map_or(text.len(), |end| at + end);
+    (text[at..end].trim(), end)
 }

@@ -2,11 +2,15 @@
 
 use super::meter::MeterStation;
 use super::pace::{Pace, Turn};
-use super::{Served, Speed, Station};
+use super::{FIRST_ADDRESS, Served, Speed, Station};
 use crate::bench_twin::Bench;
 use crate::control::Hand;
+use crate::gpib::{Bus, Claims, Instrument, Ports};
 use crate::rig::Rig;
 use std::time::Duration;
+
+/// Place of the meter, behind the boards.
+const METER: usize = 2;
 
 /// Two boards, input side first, before one bench, and the meter behind it.
 pub struct BenchStation {
@@ -16,12 +20,26 @@ pub struct BenchStation {
     pace: Pace,
     /// A collision has been said.
     told: bool,
+    /// The links on the bus.
+    bus: Option<[usize; 3]>,
+    claims: Claims,
 }
 
 impl BenchStation {
     /// Puts boards, whose stages are those of the bench, and a meter before it.
     pub fn new(bench: Bench, stations: [Station; 2], meter: MeterStation, speed: Speed) -> Self {
-        BenchStation { stations, meter, rig: Rig::new(bench), pace: Pace::new(speed), told: false }
+        let (rig, pace) = (Rig::new(bench), Pace::new(speed));
+        BenchStation { stations, meter, rig, pace, told: false, bus: None, claims: Claims::default() }
+    }
+
+    /// Puts boards and meter on a bus. False when one has no link left.
+    pub fn attach(&mut self) -> bool {
+        let ports = [0, 1, METER].map(|place| self.open(place, Duration::ZERO));
+        self.bus = match ports {
+            [Some(input), Some(output), Some(meter)] => Some([input, output, meter]),
+            _ => None,
+        };
+        self.bus.is_some()
     }
 
     /// One segment of virtual time for all.
@@ -38,6 +56,57 @@ impl BenchStation {
     /// On either side something moves, or a client waits for a reading.
     fn wants_time(&self) -> bool {
         self.stations.iter().any(Station::wants_time) || self.meter.wants_time()
+    }
+}
+
+impl Bus for BenchStation {
+    fn addresses(&self) -> Vec<u8> {
+        (FIRST_ADDRESS..=FIRST_ADDRESS + 2).collect()
+    }
+
+    fn instrument(&mut self, address: u8, wall: Duration) -> Option<Box<dyn Instrument + '_>> {
+        let place = usize::from(address.checked_sub(FIRST_ADDRESS)?);
+        self.port(place, *self.bus?.get(place)?, wall)
+    }
+
+    fn release(&mut self, address: u8) {
+        let place = address.checked_sub(FIRST_ADDRESS).map_or(METER, usize::from);
+        if let (Some(station), Some(links)) = (self.stations.get_mut(place), self.bus) {
+            station.release(links[place]);
+        }
+    }
+
+    fn claims(&mut self) -> &mut Claims {
+        &mut self.claims
+    }
+}
+
+/// The boards, input side first, and the meter behind them.
+impl Ports for BenchStation {
+    fn places(&self) -> usize {
+        METER + 1
+    }
+
+    fn open(&mut self, place: usize, wall: Duration) -> Option<usize> {
+        match self.stations.get_mut(place) {
+            Some(station) => station.attach(wall.as_millis() as u64),
+            None if place == METER => self.meter.attach(),
+            None => None,
+        }
+    }
+
+    fn close(&mut self, place: usize, port: usize) {
+        match self.stations.get_mut(place) {
+            Some(station) => station.detach(port),
+            None => self.meter.detach(port),
+        }
+    }
+
+    fn port(&mut self, place: usize, port: usize, _: Duration) -> Option<Box<dyn Instrument + '_>> {
+        match self.stations.get_mut(place) {
+            Some(station) => station.instrument(port),
+            None => self.meter.instrument(port, &mut self.rig),
+        }
     }
 }
 

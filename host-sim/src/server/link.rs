@@ -95,6 +95,11 @@ impl<S: Read + Write> Stream<S> {
         !self.input.is_empty()
     }
 
+    /// More is not read before the session has taken some of it.
+    pub fn is_full(&self) -> bool {
+        self.input.len() >= READ_AHEAD
+    }
+
     /// Output that the other side has not taken yet.
     pub fn has_output(&self) -> bool {
         !self.output.is_empty()

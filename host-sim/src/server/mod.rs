@@ -5,6 +5,9 @@
 //! with the link and are offered again. At `--speed max` virtual time stands still while nothing moves and no client
 //! waits for a reading.
 //!
+//! With [`OnBus`] what is served is also on a GPIB bus, behind a gateway of its own;
+//! with [`OnHislip`] HiSLIP clients have links to it.
+//!
 //! Boards run each for itself; a bench ([`BenchStation`]) plays every segment on both its boards before the next one.
 //!
 //! A client that sends no more (end of file, hang-up) keeps its link until what it has sent is executed and answered,
@@ -12,13 +15,18 @@
 //! clients come first. A terminal that is opened again before its hang-up is seen goes on with the same link.
 
 mod bench;
+mod gpib;
+mod hislip;
 mod link;
 mod meter;
 mod pace;
 mod pty;
+mod socket;
 mod station;
 
 pub use bench::BenchStation;
+pub use gpib::{Boards, FIRST_ADDRESS, OnBus};
+pub use hislip::OnHislip;
 pub use meter::MeterStation;
 pub use pace::Speed;
 pub use pty::{Pty, make_raw};

@@ -4,16 +4,20 @@ use super::Served;
 use super::link::{State, Stream};
 use super::pace::{Pace, Speed, Turn};
 use super::pty::Pty;
+use super::socket::Socket;
 use crate::board::{Board, Interleaving};
 use crate::control::Hand;
 use crate::flash::Flash;
+use crate::gpib::{Instrument, Wired};
 use crate::machine::Machine;
-use mio::net::{TcpListener, TcpStream};
+use mio::net::TcpListener;
 use mio::unix::SourceFd;
-use mio::{Interest, Poll, Token};
+use mio::{Interest, Poll, Registry, Token};
 use stage_controller::controller::front::Front;
 use stage_controller::controller::links::Links;
 use stage_controller::refill::safety::Inputs;
+use stage_controller::scpi::exchange::Exchange;
+use stage_controller::scpi::session::Session;
 use stage_controller::store::Store;
 use stage_controller::units::decimal::{Formatted, Unit};
 use stage_controller::units::{Axis, SEGMENT_NS};
@@ -22,8 +26,8 @@ use std::net::SocketAddr;
 use std::os::fd::{AsFd, AsRawFd};
 use std::time::Duration;
 
-/// Links of a board: sockets and the serial port.
-const LINKS: usize = 9;
+/// Links of a board: sockets, the serial port, the bus, and clients of HiSLIP.
+const LINKS: usize = 18;
 /// Rounds of one turn for a client that leaves.
 const LAST_ROUNDS: usize = 64;
 /// Of everything that wakes the server: it looks at all links then.
@@ -44,9 +48,19 @@ pub struct Options {
 
 struct Client {
     link: usize,
-    stream: Stream<TcpStream>,
+    stream: Stream<Socket>,
     /// It sends no more.
     leaving: bool,
+    /// It has gone, behind more input than is read ahead.
+    gone: bool,
+}
+
+impl Client {
+    /// It is not there to hear anything more.
+    fn deafen(&mut self) {
+        self.leaving = true;
+        self.stream.deafen();
+    }
 }
 
 struct Terminal {
@@ -56,6 +70,9 @@ struct Terminal {
     /// It was hung up.
     leaving: bool,
 }
+
+/// Links that are a bus, by their numbers.
+type Buses = Vec<(usize, Exchange)>;
 
 /// What conditions follow, of the latest report.
 #[derive(Clone, Copy, Default, PartialEq)]
@@ -73,10 +90,12 @@ pub struct Station {
     board: Board,
     links: Links<LINKS>,
     listener: TcpListener,
+    registry: Registry,
     clients: Vec<Client>,
     pty: Option<Terminal>,
     pace: Pace,
     seen: Seen,
+    buses: Buses,
 }
 
 impl Station {
@@ -108,11 +127,44 @@ impl Station {
             board,
             links: Links::new(),
             listener,
+            registry: poll.registry().try_clone()?,
             clients: Vec::new(),
             pty,
             pace: Pace::new(options.speed),
             seen: Seen::default(),
+            buses: Vec::new(),
         })
+    }
+
+    /// Opens a link that is a bus. None when all links are taken.
+    pub(super) fn attach(&mut self, now_ms: u64) -> Option<usize> {
+        let link = self.links.open(now_ms)?;
+        self.buses.push((link, Exchange::new()));
+        Some(link)
+    }
+
+    /// Closes a link that is a bus.
+    pub(super) fn detach(&mut self, link: usize) {
+        self.buses.retain(|(n, _)| *n != link);
+        self.links.close(link, &mut self.board.front);
+    }
+
+    /// The board as an instrument on a link that is a bus.
+    pub(super) fn instrument(&mut self, link: usize) -> Option<Box<dyn Instrument + '_>> {
+        let Station { board, links, buses, .. } = self;
+        let (_, exchange) = buses.iter_mut().find(|(n, _)| *n == link)?;
+        let poll = |session: &mut Session, see: &mut dyn FnMut(u8)| session.poll_message(&mut board.front, see);
+        Some(Box::new(Wired { exchange, device: links.session(link)?, poll }))
+    }
+
+    /// Who has begun a jog on a link that is a bus has gone: it ends.
+    pub(super) fn release(&mut self, link: usize) {
+        self.board.front.end_jogs(link as u8);
+    }
+
+    /// Executes what can be executed; true when something was.
+    fn execute(&mut self, now_ms: u64) -> bool {
+        execute(&mut self.links, &mut self.buses, &mut self.board.front, now_ms)
     }
 
     /// Where it listens.
@@ -137,7 +189,7 @@ impl Station {
     pub(super) fn hear(&mut self, now_ms: u64) -> bool {
         self.accept(now_ms);
         self.read(now_ms);
-        let executed = self.links.poll(&mut self.board.front, now_ms);
+        let executed = self.execute(now_ms);
         self.part(now_ms);
         self.write();
         executed
@@ -146,7 +198,7 @@ impl Station {
     /// Answers after time has passed.
     pub(super) fn tell(&mut self, now_ms: u64) {
         self.observe();
-        self.links.poll(&mut self.board.front, now_ms);
+        self.execute(now_ms);
         self.write();
     }
 
@@ -165,31 +217,30 @@ impl Station {
         while let Ok((stream, _)) = self.listener.accept() {
             // without a link number left the socket is closed at once
             if let Some(link) = self.links.open(now_ms) {
-                let _ = stream.set_nodelay(true);
-                self.clients.push(Client { link, stream: Stream::new(stream), leaving: false });
+                let stream = Stream::new(Socket::accepted(stream, &self.registry));
+                self.clients.push(Client { link, stream, leaving: false, gone: false });
             }
         }
     }
 
     fn read(&mut self, now_ms: u64) {
         let Station { board, links, clients, pty, .. } = self;
-        clients.retain_mut(|client| {
+        for client in clients {
             let state = client.stream.fill();
             client.stream.offer(|bytes| links.receive(client.link, bytes, now_ms));
             match state {
+                State::Open if client.stream.is_full() => {
+                    client.gone = client.stream.get_mut().other_side() != State::Open;
+                    if client.gone {
+                        board.front.end_jogs(client.link as u8);
+                    }
+                }
                 State::Open => {}
                 State::Ended => client.leaving = true,
-                // a reset by our answers to somebody who has sent all and closed
-                State::Gone if client.leaving => client.stream.deafen(),
-                State::Gone => {
-                    // what came before the reset is still executed, if it can be without waiting
-                    links.poll(&mut board.front, now_ms);
-                    links.close(client.link, &mut board.front);
-                    return false;
-                }
+                // also by our answers to somebody who has sent all and closed: what has come is still executed
+                State::Gone => client.deafen(),
             }
-            true
-        });
+        }
         if let Some(Terminal { stream, link, leaving }) = pty {
             // what the next one writes waits in the kernel until the link is free
             let state = if *leaving { State::Open } else { stream.fill() };
@@ -208,20 +259,25 @@ impl Station {
 
     /// Closes the links of those who send no more, once what they have sent is executed or waits for motion.
     fn part(&mut self, now_ms: u64) {
-        let Station { board, links, clients, pty, .. } = self;
+        let Station { board, links, clients, pty, buses, .. } = self;
+        let front = &mut board.front;
         clients.retain_mut(|client| {
-            let done = client.leaving && finish(client.link, &mut client.stream, links, &mut board.front, now_ms);
+            // of one that has gone behind more than is read ahead, nothing more is done once nothing of that can be done
+            let last = client.leaving || client.gone && client.stream.is_full();
+            let done = last
+                && finish(client.link, &mut client.stream, links, buses, front, now_ms)
+                && (client.leaving || client.stream.is_full());
             if done {
-                links.close(client.link, &mut board.front);
+                links.close(client.link, front);
             }
             !done
         });
         if let Some(Terminal { stream, link, leaving }) = pty
             && *leaving
-            && link.is_none_or(|n| finish(n, stream, links, &mut board.front, now_ms))
+            && link.is_none_or(|n| finish(n, stream, links, buses, front, now_ms))
         {
             if let Some(n) = link.take() {
-                links.close(n, &mut board.front);
+                links.close(n, front);
             }
             stream.clear();
             *leaving = false;
@@ -229,16 +285,13 @@ impl Station {
     }
 
     fn write(&mut self) {
-        let Station { board, links, clients, pty, .. } = self;
-        clients.retain_mut(|client| {
-            let state = client.stream.drain(|to| links.transmit(client.link, to));
+        let Station { links, clients, pty, .. } = self;
+        for client in clients {
             // an end is seen by the read that has taken everything in front of it
-            let gone = state == State::Gone && !client.leaving;
-            if gone {
-                links.close(client.link, &mut board.front);
+            if client.stream.drain(|to| links.transmit(client.link, to)) == State::Gone {
+                client.deafen();
             }
-            !gone
-        });
+        }
         if let Some(Terminal { stream, link: Some(n), .. }) = pty {
             // a hang-up is seen by the next read
             let _ = stream.drain(|to| links.transmit(*n, to));
@@ -250,7 +303,7 @@ impl Station {
         self.board.step(|_| ());
         self.observe();
         if self.links.is_waiting() {
-            self.links.poll(&mut self.board.front, now_ms);
+            self.execute(now_ms);
         }
     }
 
@@ -268,6 +321,11 @@ impl Station {
         if now != self.seen {
             self.seen = now;
             self.links.observe(&self.board.front);
+            for (link, exchange) in &mut self.buses {
+                if let Some(session) = self.links.session(*link) {
+                    exchange.observe(session);
+                }
+            }
         }
     }
 
@@ -317,19 +375,34 @@ impl Served for Station {
     }
 }
 
+/// Executes what can be executed on all links; true when something was.
+fn execute(links: &mut Links<LINKS>, buses: &mut Buses, front: &mut Front, now_ms: u64) -> bool {
+    // bytes are traffic, a look at the link is none
+    for (link, exchange) in buses.iter_mut() {
+        if exchange.take_heard() {
+            links.heard(*link, now_ms);
+        }
+    }
+    links.poll_each(front, now_ms, |n, session, front| match buses.iter_mut().find(|(link, _)| *link == n) {
+        Some((_, exchange)) => exchange.poll(session, |session, see| session.poll_message(front, see)),
+        None => session.poll(front),
+    })
+}
+
 /// Executes what a client has left behind; true when nothing is left that can be executed without waiting for motion,
 /// and its answers are out. Its jogs end at once.
 fn finish<S: Read + Write>(
     link: usize,
     stream: &mut Stream<S>,
     links: &mut Links<LINKS>,
+    buses: &mut Buses,
     front: &mut Front,
     now_ms: u64,
 ) -> bool {
     for _ in 0..LAST_ROUNDS {
         stream.offer(|bytes| links.receive(link, bytes, now_ms));
         let busy = front.is_busy_at_the_border();
-        let progress = links.poll(front, now_ms);
+        let progress = execute(links, buses, front, now_ms);
         front.end_jogs(link as u8);
         if stream.drain(|to| links.transmit(link, to)) != State::Open {
             stream.deafen();

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the block's payload. Raised when a field changes; older blocks are then refused with -221.
 pub const BLOCK_VERSION: u16 = 1;
-/// Largest block in bytes.
-pub const BLOCK_CAPACITY: usize = 1024;
+/// Largest block in bytes: one whose numbers are all at their longest has 733.
+pub const BLOCK_CAPACITY: usize = 768;
 const MAGIC: [u8; 4] = *b"SCAL";
 /// Smallest step, Q32: 2 nm or nrad. Below, whole nanometres no longer reach every step.
 pub const STEP_MIN: u64 = 2 << 32;

@@ -12,6 +12,10 @@
 //! executed in order (no setting and no answer is lost, a pending *OPC? answers once motion has ended), but until the
 //! `!` is reached each command is followed by an abort: nothing sent before a `!` moves on after it. 0x18 clears the
 //! link and everything in front of it; inside block data both are data.
+//!
+//! # Streams and buses
+//! A stream (socket, serial port) uses a session as it is: answers leave as they come, and nothing interrupts them. A
+//! link that is a bus, or has what a bus has, puts an `Exchange` of `scpi::exchange` before it.
 
 use crate::error::{Error, ErrorNumber};
 use crate::scpi::common;
@@ -73,11 +77,20 @@ pub struct Session {
     abort_now: bool,
     /// `!` that the watch has seen and the lexer has not.
     aborts_ahead: usize,
+    /// Of these, `!` that the link has told of and the watch has not seen.
+    #[cfg(feature = "bus")]
+    foreseen: usize,
     /// The lexer holds a message that is being executed.
     busy: bool,
     /// Where its next unit begins.
     at: usize,
     path: Path,
+    /// The answers of a message are one answer, which its reader reads whole.
+    #[cfg(feature = "bus")]
+    one_answer: bool,
+    /// This message has asked for text without an end of its own.
+    #[cfg(feature = "bus")]
+    indefinite: bool,
     status: LinkStatus,
     out: Response,
 }
@@ -94,9 +107,15 @@ impl Session {
             backlog: Deque::new(),
             abort_now: false,
             aborts_ahead: 0,
+            #[cfg(feature = "bus")]
+            foreseen: 0,
             busy: false,
             at: 0,
             path: Path::new(),
+            #[cfg(feature = "bus")]
+            one_answer: false,
+            #[cfg(feature = "bus")]
+            indefinite: false,
             status: LinkStatus::new(),
             out: Response::new(),
         }
@@ -115,6 +134,8 @@ impl Session {
                         (taken, refusing) = (n + 1, false);
                         continue;
                     }
+                    #[cfg(feature = "bus")]
+                    Class::Abort if self.foreseen > 0 => self.foreseen -= 1,
                     Class::Abort => {
                         self.abort_now = true;
                         self.aborts_ahead += 1;
@@ -146,6 +167,10 @@ impl Session {
                 self.busy = true;
                 self.at = 0;
                 self.path = Path::new();
+                #[cfg(feature = "bus")]
+                {
+                    self.indefinite = false;
+                }
             }
             Event::TooLong => {
                 self.status.report(Error::text(ErrorNumber::InputBufferOverrun, "message longer than 512 bytes"));
@@ -179,18 +204,28 @@ impl Session {
         self.watch = Framer::new();
         self.backlog.clear();
         (self.ahead, self.aborts_ahead, self.busy, self.at) = (0, 0, false, 0);
+        #[cfg(feature = "bus")]
+        {
+            self.foreseen = 0;
+        }
         self.out.clear();
         self.status.forget_operation_complete();
     }
 
     /// Executes what can be executed. True when a unit was.
     pub fn poll(&mut self, instrument: &mut impl Instrument) -> bool {
+        self.advance(instrument, &mut |_| true)
+    }
+
+    /// Executes what can be executed, for as long as `goes_on` says so; it is asked in front of every unit and every
+    /// message.
+    fn advance(&mut self, instrument: &mut impl Instrument, goes_on: &mut dyn FnMut(&mut Self) -> bool) -> bool {
         let mut progress = false;
         if core::mem::take(&mut self.abort_now) {
             instrument.abort(self.link);
         }
         self.look_at(instrument);
-        while self.busy || self.refill() {
+        while goes_on(self) && (self.busy || self.refill()) {
             match self.step(instrument) {
                 Step::Blocked => break,
                 Step::Command => {
@@ -218,7 +253,14 @@ impl Session {
     /// From the backlog into the lexer, up to the next message.
     fn refill(&mut self) -> bool {
         while !self.busy {
-            let Some(byte) = self.backlog.pop_front() else { return false };
+            let Some(byte) = self.backlog.pop_front() else {
+                #[cfg(feature = "bus")]
+                if self.ahead == 0 {
+                    // a `!` in a message that was given up is reached when all in front of it is
+                    self.aborts_ahead = self.foreseen;
+                }
+                return false;
+            };
             let event = self.lexer.push(byte);
             self.framed(event);
         }
@@ -236,6 +278,20 @@ impl Session {
             self.end_message();
             return Step::Other;
         };
+        #[cfg(feature = "bus")]
+        if self.one_answer
+            && let Ok(call) = &unit.call
+            && call.query
+        {
+            // The answers to *IDN? and *OPT? are text without an end of its own: nothing may follow them in an answer
+            // (IEEE 488.2, 6.5.7.5). The rest of the message is dropped.
+            if self.indefinite {
+                status.report(ErrorNumber::QueryAfterIndefinite.into());
+                self.end_message();
+                return Step::Other;
+            }
+            self.indefinite = matches!(call.command, Command::Identify | Command::Options);
+        }
         let done = if unit.call.is_ok_and(|call| !call.query) { Step::Command } else { Step::Other };
         out.begin();
         let result = unit.call.and_then(|call| {
@@ -309,6 +365,9 @@ impl Session {
         self.status.status_byte(self.out.is_available())
     }
 }
+
+#[cfg(feature = "bus")]
+mod message;
 
 #[cfg(test)]
 mod tests;

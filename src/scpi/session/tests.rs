@@ -374,3 +374,125 @@ fn run(input: &[u8], chunk: &mut dyn FnMut() -> usize) -> (String, Vec<String>) 
     bench.stage.log.retain(|line| line != "abort");
     (answers, bench.log())
 }
+
+/// A client of a stream may send anything, cut it anywhere, clear or go at any byte, and not read.
+#[test]
+fn no_client_wedges_a_stream() {
+    const SEQUENCES: usize = 100_000;
+    let pieces: [&[u8]; 14] = [
+        b"*ESE?\n",
+        b"*IDN?;*ESE?\n",
+        b"AXIS1:MOVE 1;*OPC?\n",
+        b"*WAI\n",
+        b"COMP:DATA?\n",
+        b"COMP:LOAD #15\n!\x18,;\n",
+        b"COMP:LOAD #3100",
+        b"FOO\n",
+        b"'",
+        b"\x18",
+        b"\n!\n",
+        b"AXIS1:VEL",
+        b";",
+        b"\n",
+    ];
+    let (mut seed, mut unread) = (99, 0);
+    for sequence in 0..SEQUENCES {
+        let mut bench = Bench::new();
+        let mut input = Vec::new();
+        for _ in 0..random(&mut seed) % 12 {
+            input.extend_from_slice(pieces[random(&mut seed) % pieces.len()]);
+        }
+        let gone = random(&mut seed) % (input.len() + 1);
+        let (mut taken, mut stuck) = (0, 0);
+        while taken < gone && stuck < 3 {
+            let end = (taken + 1 + random(&mut seed) % 40).min(gone);
+            let more = bench.session.receive(&input[taken..end]);
+            (taken, stuck) = (taken + more, if more == 0 { stuck + 1 } else { 0 });
+            bench.session.poll(&mut bench.stage);
+            match random(&mut seed) % 8 {
+                0 => bench.stage.moving = false,
+                1 => drop(bench.session.transmit(&mut [0; 50])),
+                _ => {}
+            }
+        }
+        unread += usize::from(bench.session.has_output());
+        // it goes, or clears; what moves comes to its end by itself
+        bench.session.device_clear();
+        bench.stage.moving = false;
+        let mark = random(&mut seed) % 256;
+        assert_eq!(bench.send(format!("*ESE {mark};*ESE?\n")), format!("{mark}\n"), "sequence {sequence}");
+        assert!(!bench.session.is_waiting());
+    }
+    std::println!("{SEQUENCES} sequences, seed 99, none wedged; {unread} ended with answers that nobody had read");
+    assert!(unread > SEQUENCES / 10);
+}
+
+/// How a client of a stream gives up what it has begun.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum GivesUp {
+    /// The byte 0x18.
+    Clear,
+    /// A BREAK, as the interrupt tells it.
+    Break,
+    /// It closes, and the next one opens.
+    Close,
+}
+
+/// A stream has none of the errors of a bus: what was begun or not read is gone, what was whole was executed.
+#[test]
+fn giving_up_at_each_byte_of_a_question_or_of_its_answer_leaves_a_working_stream() {
+    let talks: [(&[u8], &str); 6] = [
+        (b"*IDN?\n", "maker,stage,0,1\n"),
+        (b"AXIS1:VEL 5;VEL?;*SRE?\r\n", "1.000;0\n"),
+        (b"AXIS1:POS?;*ESE?;:SYST:ERR?\n", "1.500;0;0,\"No error\"\n"),
+        (b"STAT:OPER:NTR 3;NTR?\n", "3\n"),
+        (b"FOO\n", ""),
+        (b"COMP:LOAD #15a\n!\x18b\n", ""),
+    ];
+    // 0x18 is data in here
+    let block = b"COMP:LOAD #15".len()..b"COMP:LOAD #15a\n!\x18b".len();
+    let mut places = 0;
+    for ((talk, answer), way) in
+        talks.into_iter().flat_map(|t| [GivesUp::Clear, GivesUp::Break, GivesUp::Close].map(|way| (t, way)))
+    {
+        for at in 0..talk.len() + answer.len() {
+            let context = format!("{} {at} {way:?}", talk.escape_ascii());
+            let mut bench = Bench::new();
+            let sent = at.min(talk.len());
+            assert_eq!(bench.session.receive(&talk[..sent]), sent);
+            bench.session.poll(&mut bench.stage);
+            let mut read = vec![0; at - sent];
+            let count = bench.session.transmit(&mut read);
+            assert_eq!(read, &answer.as_bytes()[..count], "{context}");
+            assert_eq!(count, at - sent, "{context}");
+            bench.log();
+            let is_data = way == GivesUp::Clear && talk.starts_with(b"COMP") && block.contains(&at);
+            match way {
+                // what is still missing of the block, which then is executed
+                GivesUp::Clear if is_data => {
+                    let mut rest = b"a\n!\x18b".to_vec();
+                    rest.truncate(block.end - at);
+                    rest[0] = 0x18;
+                    assert_eq!(bench.send([&rest[..], b"\n"].concat()), "", "{context}");
+                    assert_eq!(bench.log(), ["load 5"], "{context}");
+                }
+                GivesUp::Clear => assert_eq!(bench.session.receive(b"\x18"), 1),
+                GivesUp::Break => bench.session.device_clear(),
+                GivesUp::Close => {
+                    bench.session.device_clear();
+                    bench.session = Session::new(0);
+                }
+            }
+            assert_eq!(bench.drain(), "", "{context}");
+            assert!(!bench.session.is_waiting() && !bench.session.awaits_block(), "{context}");
+            let kept = talk.starts_with(b"STAT") && at >= talk.len() && way != GivesUp::Close;
+            assert_eq!(bench.send("STAT:OPER:NTR?\n"), if kept { "3\n" } else { "0\n" }, "{context}");
+            let own = talk == b"FOO\n" && at >= talk.len() && way != GivesUp::Close;
+            let errors = if own { "-113,\"Undefined header;FOO\"\n" } else { "0,\"No error\"\n" };
+            assert_eq!(bench.send("SYST:ERR:ALL?\n"), errors, "{context}");
+            assert_eq!(bench.send("*IDN?\n"), "maker,stage,0,1\n", "{context}");
+            places += 1;
+        }
+    }
+    assert!(places > 400, "{places}");
+}

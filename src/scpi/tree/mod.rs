@@ -1,14 +1,16 @@
 //! The one table of all commands, its types and its matching. A new command is one entry and one handler.
 
+mod headers;
 mod kind;
 mod table;
 
+pub use headers::{HELP_LENGTH, Header, Walk, find};
 use kind::arity;
 pub use kind::{Kind, Param};
 pub use table::TABLE;
 
+#[cfg(not(target_os = "none"))]
 use crate::error::ErrorNumber;
-use core::fmt::{self, Write};
 
 /// Which command; one per entry of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -156,7 +158,15 @@ pub enum Form {
     Both,
 }
 
-/// A command. What the manual says of it is not in the firmware: nobody reads it there, and there is no room for it.
+impl Form {
+    /// True when a command of this form may be said so.
+    pub const fn has(self, query: bool) -> bool {
+        !matches!((self, query), (Form::Set, true) | (Form::Query, false))
+    }
+}
+
+/// A command. What the manual says of it is not in the firmware: nobody reads it there, and there is no room for it;
+/// the rest becomes a [`Header`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// Which.
@@ -191,88 +201,14 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// Fewest and most parameters.
-    pub fn arity(&self, query: bool) -> (usize, usize) {
-        let (least, most) = self.arity[usize::from(query)];
-        (least.into(), most.into())
-    }
-
     /// Numbers that its header may have in place of `#`: of axes, or of power inputs.
     pub fn numbers(&self) -> core::ops::RangeInclusive<u8> {
-        1..=if self.pattern.starts_with("SENS") { 2 } else { 6 }
-    }
-
-    /// True when the form exists.
-    pub const fn has(&self, query: bool) -> bool {
-        match self.form {
-            Form::Set => !query,
-            Form::Query => query,
-            Form::Both => true,
-        }
+        numbers(self.pattern.as_bytes())
     }
 }
 
-impl Entry {
-    /// Writes its line of SYSTem:HELP:HEADers? (SCPI-99 volume 2, 21.11), the LF included.
-    ///
-    /// # Errors
-    /// Those of `to`.
-    pub fn write(&self, to: &mut dyn Write) -> fmt::Result {
-        let form = match self.form {
-            Form::Set => "/nquery/\n",
-            Form::Query => "/qonly/\n",
-            Form::Both => "\n",
-        };
-        if !self.pattern.starts_with('*') {
-            to.write_str(":")?;
-        }
-        to.write_str(self.pattern)?;
-        to.write_str(form)
-    }
-}
-
-impl fmt::Display for Entry {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.write(f)
-    }
-}
-
-/// Bytes of all lines of SYSTem:HELP:HEADers?.
-pub fn help_length() -> usize {
-    struct Count(usize);
-    impl Write for Count {
-        fn write_str(&mut self, text: &str) -> fmt::Result {
-            self.0 += text.len();
-            Ok(())
-        }
-    }
-    let mut count = Count(0);
-    for entry in TABLE {
-        let _ = entry.write(&mut count);
-    }
-    count.0
-}
-
-/// The entry of a header and the number in it.
-///
-/// # Errors
-/// -113 unknown, or not in this form; -114 an axis that does not exist.
-pub fn find(nodes: &[&[u8]], query: bool) -> Result<(&'static Entry, Option<u8>), ErrorNumber> {
-    let first = nodes.first().and_then(|node| node.first()).map_or(0, u8::to_ascii_uppercase);
-    // a header that must begin with another letter: most of them, and a look at it costs little
-    let begins = |entry: &&Entry| {
-        matches!(entry.pattern.as_bytes(), [b'[', ..]) || entry.pattern.as_bytes().first() == Some(&first)
-    };
-    for entry in TABLE.iter().filter(|entry| entry.has(query)).filter(begins) {
-        if let Some(suffix) = match_nodes(entry.pattern.as_bytes(), nodes) {
-            return match suffix {
-                None => Ok((entry, None)),
-                Some(n) if entry.numbers().contains(&n) => Ok((entry, Some(n))),
-                Some(_) => Err(ErrorNumber::HeaderSuffixOutOfRange),
-            };
-        }
-    }
-    Err(ErrorNumber::UndefinedHeader)
+fn numbers(pattern: &[u8]) -> core::ops::RangeInclusive<u8> {
+    1..=if pattern.starts_with(b"SENS") { 2 } else { 6 }
 }
 
 /// True when `text` is the long or the short form of `pattern`, in any case.
@@ -322,7 +258,7 @@ fn match_node(node: &[u8], rest: &[u8], nodes: &[&[u8]]) -> Option<Option<u8>> {
 mod tests {
     extern crate std;
     use super::*;
-    use std::string::ToString;
+    use std::string::String;
     use std::vec::Vec;
 
     #[test]
@@ -352,8 +288,20 @@ mod tests {
             assert!(!entry.help.is_empty() && !entry.example.is_empty(), "{}", entry.pattern);
             let unit = next_unit(entry.example.as_bytes(), 0, &Path::default()).unwrap();
             assert_eq!(unit.call.map(|call| call.command), Ok(entry.command), "{}", entry.example);
-            assert!(entry.to_string().len() < 100, "a line of the help fits an answer's part");
         }
+    }
+
+    #[test]
+    fn a_walk_comes_by_every_entry_and_the_lines_of_the_help_are_as_long_as_announced() {
+        let (mut walk, mut help) = (Walk::begin(), String::new());
+        for entry in TABLE {
+            let header = walk.step(None).unwrap();
+            assert_eq!((header.command, walk.pattern()), (entry.command, entry.pattern.as_bytes()));
+            let from = help.len();
+            walk.write(header, &mut help).unwrap();
+            assert!(help.len() - from < 100, "a line of the help fits an answer's part");
+        }
+        assert_eq!((walk.step(None), help.len()), (None, HELP_LENGTH));
     }
 
     #[test]

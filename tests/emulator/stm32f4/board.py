@@ -94,6 +94,7 @@ class Board:
             usart.attach(events)
         self.usart2.plug_in(self.ports["A"], 3)
         self.otg, self.adc = add(OtgFs(self)), add(Adc(self))
+        self.otg.attach(events)
         self.tim2.pulse = self.adc.trigger
         for name, base, size in (("ITM", 0xE000_0000, 0x1000), ("RTC", 0x4000_2800, 0x400), ("TPIU", 0xE004_0000, 0x1000)):
             add(Store(self, name, base)).size = size

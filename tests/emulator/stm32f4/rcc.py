@@ -80,6 +80,14 @@ class Rcc(Peripheral):
         m, n, p = setting & 0x3F, setting >> 6 & 0x1FF, 2 * (setting >> 16 & 3) + 2
         return (_HSE_HZ if self.pll_from_hse else _HSI_HZ) * n // max(m, 2) // p
 
+    def usb_hz(self):
+        """The clock of USB and of the random numbers: the PLL's second output; 0 while there is none."""
+        setting = self.regs[_PLLCFGR]
+        if not self.pll_ready:
+            return 0
+        m, n, q = setting & 0x3F, setting >> 6 & 0x1FF, setting >> 24 & 15
+        return (_HSE_HZ if self.pll_from_hse else _HSI_HZ) * n / max(m, 2) / max(q, 2)
+
     def _system_hz(self):
         if self._use == "HSI":
             return _HSI_HZ

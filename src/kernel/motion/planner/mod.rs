@@ -136,7 +136,7 @@ impl Planner {
             || self.then_goal.is_some()
             || self.then.iter().any(Option::is_some)
             || self.desires.iter().any(|d| *d != Desire::None)
-            || self.slots.iter().any(|s| s.latest().is_some())
+            || self.slots.iter().any(|s| s.is_taken())
     }
 
     /// Bit n: axis n has a track or waits for one.
@@ -240,7 +240,7 @@ impl Planner {
         self.slots.iter_mut().for_each(Slot::supersede);
         // also if the goal is taken back before it is planned: what it supersedes must not go on
         for slot in &mut self.slots[..AXES] {
-            slot.stop = slot.latest().is_some();
+            slot.stop = slot.is_taken();
         }
         self.desires = [Desire::None; AXES];
         self.then = [None; AXES];
@@ -253,7 +253,7 @@ impl Planner {
         let i = axis.index();
         self.desires[i] = Desire::None;
         self.then[i] = None;
-        self.slots[i].stop = self.slots[i].latest().is_some();
+        self.slots[i].stop = self.slots[i].is_taken();
         self.slots[i].supersede();
         if self.is_coordinated(axis) {
             self.stop_coordinated();
@@ -266,20 +266,20 @@ impl Planner {
         self.goal = None;
         self.then_goal = None;
         for slot in &mut self.slots[COORDINATED..] {
-            slot.stop = slot.latest().is_some();
+            slot.stop = slot.is_taken();
             slot.supersede();
         }
     }
 
     /// True while a stop is still to be planned: until then where it ends is not known.
     pub fn is_about_to_stop(&self) -> bool {
-        self.slots.iter().any(|s| s.stop && s.latest().is_some())
+        self.slots.iter().any(|s| s.stop && s.is_taken())
     }
 
     /// True while a track runs or is on its way.
     #[inline(never)]
     pub fn is_running(&self) -> bool {
-        self.slots.iter().any(|s| s.latest().is_some())
+        self.slots.iter().any(|s| s.is_taken())
     }
 
     /// The track that was ordered under this number, while it is unanswered.

@@ -80,7 +80,7 @@ impl Planner {
         let mut grant = Grant::default();
         grant.within(&bounds, &left.motors, wanted, direction, left.others, &crossed);
         grant.swing = swing;
-        if self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.latest().is_some()) {
+        if self.slots.iter().enumerate().any(|(i, s)| i != asking.slot && s.is_taken()) {
             let alone = if asking.single { motors.map(|m| m.share(SINGLE_SHARE_1024)) } else { *motors };
             let mut best = Grant::default();
             best.within(&bounds, &alone, wanted, direction, Turning::default(), &crossed);
@@ -177,7 +177,7 @@ impl Planner {
 
     /// A new track turns: what the others do is bent by so much more from now on.
     pub(super) fn bend_others(&mut self, capability: &Capability, own: usize, swing: u64) {
-        for (_, slot) in self.slots.iter_mut().enumerate().filter(|(i, slot)| *i != own && slot.latest().is_some()) {
+        for (_, slot) in self.slots.iter_mut().enumerate().filter(|(i, slot)| *i != own && slot.is_taken()) {
             for active in slot.each_mut() {
                 let more = swing.min(ONE_RADIAN - active.grant.bent);
                 active.grant.bent += more;

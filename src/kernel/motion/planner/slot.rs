@@ -137,8 +137,20 @@ impl Slot {
     }
 
     /// What will run once the answer is there, as far as known.
+    #[inline(always)]
     pub fn latest(&self) -> Option<&Active> {
-        if self.flight.is_some() { Some(self.next()) } else { self.active() }
+        if self.is_taken() { Some(self.newest()) } else { None }
+    }
+
+    #[inline(never)]
+    fn newest(&self) -> &Active {
+        &self.tracks[usize::from(self.second != self.flight.is_some())]
+    }
+
+    /// Something runs, or is on its way.
+    #[inline(always)]
+    pub const fn is_taken(&self) -> bool {
+        self.flight.is_some() || self.runs
     }
 
     /// What runs and what is on its way.
