@@ -66,6 +66,28 @@ def errors(board):
     return [number for number in map(int, _numbers(text)) if number]
 
 
+def errors_of(link):
+    """The numbers of the queued errors of a link over USB; takes them."""
+    found = []
+    while (text := link.ask("SYST:ERR?")) != NO_ERROR:
+        found.append(int(text.split(",")[0]))
+    return found
+
+
+def stop_by_exclamation_mark(board, link, message):
+    """A message over USB moves axis 1 by 800 um; `!` on the same link stops it on the way, and it stays there."""
+    enable_all(board)
+    follower = Follower(board)
+    link.write(message)
+    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
+    link.write("!\n")
+    board.run(5000)
+    stopped = list(follower.look())
+    board.run(50_000)
+    assert follower.look() == stopped == counts(board)
+    assert 0 < stopped[0] < 800 * 20
+
+
 def _numbers(text):
     # 103,"latched; close",105,"…": the numbers stand outside of the strings
     return [part.strip(",") for part in text.split('"')[::2] if part.strip(",")]

@@ -5,8 +5,8 @@ import struct
 import pytest
 
 from cdc import GET_LINE_CODING, CdcPort
-from lab import (NO_ERROR, SEGMENT, Follower, as_block, ask, calibrate, counts, enable_all, errors, figure, first_difference, moves,
-                 power_up, reference_words, start_moving, stream_words)
+from lab import (NO_ERROR, SEGMENT, Follower, as_block, ask, calibrate, enable_all, errors, errors_of, figure, first_difference, moves,
+                 power_up, reference_words, start_moving, stop_by_exclamation_mark, stream_words)
 from stm32f4 import Timeout
 from stm32f4.usb_host import (CLASS, CLEAR_FEATURE, CONFIGURATION_DESCRIPTOR, DEVICE, DEVICE_DESCRIPTOR, ENDPOINT, ENDPOINT_HALT,
                               GET_CONFIGURATION, GET_STATUS, IN, INTERFACE, SET_CONFIGURATION, SET_FEATURE, STANDARD,
@@ -29,14 +29,6 @@ def replug(host):
     host.board.run(50_000)
     host.plug()
     return CdcPort(host.enumerate()).open()
-
-
-def last_errors(port):
-    """The numbers of the errors of the link over USB; takes them."""
-    found = []
-    while (text := port.ask("SYST:ERR?")) != NO_ERROR:
-        found.append(int(text.split(",")[0]))
-    return found
 
 
 # ---- enumeration ----
@@ -181,7 +173,7 @@ def test_a_program_that_never_opens_the_port_is_heard_all_the_same(host):
 def test_a_message_of_any_number_of_packets_is_one_message(port, size):
     text = "*IDN?"
     assert port.ask(text.rjust(size - 1)).startswith(IDENTITY)
-    assert last_errors(port) == []
+    assert errors_of(port) == []
 
 
 def test_no_answer_ends_with_a_full_packet_however_long_it_is(host, port):
@@ -227,7 +219,7 @@ def test_what_is_sent_while_flash_is_written_waits_at_the_pc(board, host, port):
     board.run_until(lambda: port.came.count(b"\n") == 200, 2_000_000, "all answers")
     assert [int(line) for line in port.came.split()] == list(range(200))
     port.came.clear()
-    assert last_errors(port) == []
+    assert errors_of(port) == []
 
 
 def test_a_calibration_goes_over_usb_there_and_back(board, port, host_sim, tmp_path):
@@ -250,7 +242,7 @@ def test_two_links_have_answers_and_errors_of_their_own(board, port):
     port.came.clear()
     port.write("NONSENSE\n")
     assert ask(board, "*IDN?").startswith(IDENTITY) and errors(board) == []
-    assert last_errors(port) == [-113]
+    assert errors_of(port) == [-113]
 
 
 # ---- closed, unplugged, reset, asleep ----
@@ -262,7 +254,7 @@ def test_closing_in_mid_line_leaves_nothing_behind(board, port):
     board.run(3000)
     port.open()
     assert port.ask("*IDN?").startswith(IDENTITY)
-    assert last_errors(port) == []
+    assert errors_of(port) == []
 
 
 def test_unplugged_while_nothing_is_said_it_works_when_plugged_in_again(host, port):
@@ -270,7 +262,7 @@ def test_unplugged_while_nothing_is_said_it_works_when_plugged_in_again(host, po
         assert port.ask("*IDN?").startswith(IDENTITY)
         port = replug(host)
     assert port.ask("*IDN?").startswith(IDENTITY)
-    assert last_errors(port) == []
+    assert errors_of(port) == []
 
 
 def test_a_bus_reset_in_mid_line_costs_that_line_only(board, host, port):
@@ -279,7 +271,7 @@ def test_a_bus_reset_in_mid_line_costs_that_line_only(board, host, port):
     host.reset()
     port = CdcPort(host.enumerate()).open()
     assert port.ask("*IDN?").startswith(IDENTITY)
-    assert last_errors(port) == []
+    assert errors_of(port) == []
 
 
 def test_a_suspended_bus_goes_on_where_it_was(board, host, port):
@@ -336,23 +328,14 @@ def test_six_axes_move_undisturbed_while_usb_is_asked_a_thousand_times_a_second(
     follower.look()
     assert all(steps != old for steps, old in zip(follower.counts, before)), "six motors moved meanwhile"
     assert len(board.words.runs) == 1, "the stream of words had no gap"
-    assert last_errors(port) == []
+    assert errors_of(port) == []
     figure(f"queries one after the other over USB while six axes move: {rate:.0f} a second, the slowest took {longest:.0f} us")
     assert rate >= 1000
 
 
 def test_an_exclamation_mark_stops_a_move_even_while_the_link_waits(board, port):
-    enable_all(board)
-    follower = Follower(board)
-    port.write("AXIS1:MOVE 800;*WAI;:AXIS1:MOVE 0\n")
-    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
-    port.write("!\n")
-    board.run(5000)
-    stopped = list(follower.look())
-    board.run(50_000)
-    assert follower.look() == stopped == counts(board)
-    assert 0 < stopped[0] < 800 * 20
-    assert last_errors(port) == []
+    stop_by_exclamation_mark(board, port, "AXIS1:MOVE 800;*WAI;:AXIS1:MOVE 0\n")
+    assert errors_of(port) == []
 
 
 @pytest.mark.parametrize("what", ["unplug", "reset", "suspend"])
@@ -376,7 +359,7 @@ def test_unplugged_in_the_middle_of_an_answer_the_next_one_hears_his_own(board, 
     assert host.bulk_in(port.input, PACKET).startswith(IDENTITY.encode())
     port = replug(host)
     assert port.ask("*ESE 17;*ESE?") == "17"
-    assert last_errors(port) == []
+    assert errors_of(port) == []
 
 
 def test_closed_in_the_middle_of_an_answer_the_next_one_hears_his_own(board, host):
@@ -387,7 +370,7 @@ def test_closed_in_the_middle_of_an_answer_the_next_one_hears_his_own(board, hos
     board.run(20_000)
     port.open()
     assert port.ask("*ESE 17;*ESE?") == "17"
-    assert last_errors(port) == []
+    assert errors_of(port) == []
 
 
 @pytest.mark.parametrize("how", ["close", "reset"])
@@ -404,7 +387,7 @@ def test_what_the_device_had_no_room_for_is_not_heard_as_the_next_ones(board, ho
         port = CdcPort(host.enumerate())
     port.open()
     assert port.ask("*ESE 17;*ESE?") == "17"
-    assert last_errors(port) == []
+    assert errors_of(port) == []
 
 
 def test_a_packet_in_the_moment_of_a_reset_is_not_kept_for_the_next_one(host, port):
@@ -412,7 +395,7 @@ def test_a_packet_in_the_moment_of_a_reset_is_not_kept_for_the_next_one(host, po
     host.reset()
     port = CdcPort(host.enumerate()).open()
     assert port.ask("*IDN?").startswith(IDENTITY)
-    assert last_errors(port) == []
+    assert errors_of(port) == []
 
 
 @pytest.mark.parametrize("packets", [1, 2])

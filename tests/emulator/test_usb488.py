@@ -5,7 +5,8 @@ import struct
 import pytest
 
 from cdc import CdcPort
-from lab import Follower, as_block, ask, calibrate, counts, enable_all, figure, start_moving
+from lab import (NO_ERROR, Follower, as_block, ask, calibrate, counts, enable_all, errors_of, figure, start_moving,
+                 stop_by_exclamation_mark)
 from stm32f4 import Timeout
 from stm32f4.usb_host import CLASS, IN, INTERFACE, Stall, descriptors
 from usbtmc import (CODES, DEV_DEP_MSG_IN, DEV_DEP_MSG_OUT, EOM, FAILED, NOT_IN_PROGRESS, READ_STATUS_BYTE, TERM_CHAR, TRIGGER,
@@ -15,20 +16,11 @@ PACKET = 64
 IDENTITY = "Stage Controller"
 # The status byte (IEEE 488.2, 11.2): errors, message available, event status, request for service.
 ERRORS, MAV, ESB, RQS = 4, 16, 32, 64
-NO_ERROR = '0,"No error"'
 
 
 @pytest.fixture
 def instrument(host):
     return Usbtmc(host)
-
-
-def errors(instrument):
-    """The numbers of the queued errors of this link; takes them."""
-    found = []
-    while (text := instrument.ask("SYST:ERR?")) != NO_ERROR:
-        found.append(int(text.split(",")[0]))
-    return found
 
 
 # ---- what it says of itself ----
@@ -62,7 +54,7 @@ def test_messages_of_every_length_around_a_packet_arrive_whole(host, zlp):
     for size in [*range(44, 58), 116, 180, 500]:
         text = "*ESE?".rjust(size - 1)
         assert instrument.ask(text) == "0", size
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
 
 
 def test_answers_of_every_length_around_a_packet_arrive_whole(instrument):
@@ -105,7 +97,7 @@ def test_a_calibration_goes_there_and_back(instrument, host_sim, tmp_path):
     assert instrument.ask("COMP:STAT?") == "1"
     instrument.write("COMP:DATA?\n")
     assert instrument.read(1_000_000) == block + b"\n"
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
 
 
 def test_queries_are_answered_fast_enough_while_six_axes_move(board, instrument):
@@ -127,11 +119,11 @@ def test_queries_are_answered_fast_enough_while_six_axes_move(board, instrument)
 def test_what_breaks_the_rules_of_the_exchange_is_told(instrument):
     instrument.write("*ESE 4;*ESE?\n")
     assert instrument.ask("*SRE?") == "0"
-    assert errors(instrument) == [-410], "the first answer was interrupted"
+    assert errors_of(instrument) == [-410], "the first answer was interrupted"
     instrument.request(100)
     with pytest.raises(Timeout):
         instrument.host.bulk_in(instrument.input, PACKET, 20_000)
-    assert errors(instrument) == [-420], "nothing was asked"
+    assert errors_of(instrument) == [-420], "nothing was asked"
 
 
 # ---- status ----
@@ -141,7 +133,7 @@ def test_the_status_byte_tells_what_is_the_matter(instrument):
     assert instrument.read_stb() == 0
     instrument.write("NO:SUCH\n")
     assert instrument.read_stb() == ERRORS | ESB
-    assert errors(instrument) == [-113] and instrument.ask("*ESR?") == "32"
+    assert errors_of(instrument) == [-113] and instrument.ask("*ESR?") == "32"
     assert instrument.read_stb() == 0
     instrument.write("*ESE?\n")
     assert instrument.read_stb() == MAV
@@ -176,7 +168,7 @@ def test_a_clear_in_the_middle_of_an_answer_leaves_nothing_of_it(host, instrumen
         host.bulk_in(instrument.input, read * PACKET)
     instrument.clear()
     assert instrument.ask("*ESE 9;*ESE?") == "9"
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
 
 
 def test_a_clear_in_the_middle_of_a_message_leaves_nothing_of_it(host, instrument):
@@ -184,7 +176,7 @@ def test_a_clear_in_the_middle_of_a_message_leaves_nothing_of_it(host, instrumen
     instrument.tag = 1
     instrument.clear()
     assert instrument.ask("*ESE 9;*ESE?") == "9"
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
 
 
 def test_a_clear_ends_a_wait_and_stops_no_motion(board, instrument):
@@ -206,7 +198,7 @@ def test_an_answer_can_be_aborted_at_every_packet_and_the_next_one_is_whole(host
         assert max(read * PACKET - 12, 0) <= sent <= 162
         instrument.clear()
         assert instrument.ask("*IDN?").startswith(IDENTITY)
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
 
 
 def test_a_message_can_be_aborted_and_is_dropped(host, instrument):
@@ -218,7 +210,7 @@ def test_a_message_can_be_aborted_and_is_dropped(host, instrument):
     assert refused.value.status == NOT_IN_PROGRESS
     assert instrument.abort_out(7) == 52
     assert instrument.ask("*IDN?").startswith(IDENTITY)
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
 
 
 def test_an_abort_of_what_is_not_under_way_is_refused(instrument):
@@ -235,7 +227,7 @@ def test_a_trigger_is_trg(instrument):
     instrument.trigger()
     assert not int(instrument.ask("STAT:OPER:COND?")) & 32
     instrument.trigger()
-    assert errors(instrument) == [-211], "nothing waits for it any more"
+    assert errors_of(instrument) == [-211], "nothing waits for it any more"
 
 
 # ---- malformed, and recovered from ----
@@ -280,7 +272,7 @@ def test_requests_of_remote_and_local_succeed_in_any_order_and_change_nothing_of
     for step in steps + steps[::-1]:
         step()
         assert instrument.ask("*ESE?") == "3"
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
 
 
 # ---- both functions, and the motors ----
@@ -297,20 +289,11 @@ def test_instrument_and_serial_ports_have_answers_and_errors_of_their_own(board,
     port.came.clear()
     instrument.write("NONSENSE\n")
     assert port.ask("SYST:ERR?") == NO_ERROR
-    assert errors(instrument) == [-113]
+    assert errors_of(instrument) == [-113]
 
 
 def test_an_exclamation_mark_stops_a_move(board, instrument):
-    enable_all(board)
-    follower = Follower(board)
-    instrument.write("AXIS1:MOVE 800\n")
-    board.run_until(lambda: follower.look()[0] >= 100, 2_000_000, "100 steps", step_us=500)
-    instrument.write("!\n")
-    board.run(5000)
-    stopped = list(follower.look())
-    board.run(50_000)
-    assert follower.look() == stopped == counts(board)
-    assert 0 < stopped[0] < 800 * 20
+    stop_by_exclamation_mark(board, instrument, "AXIS1:MOVE 800\n")
 
 
 def test_an_exclamation_mark_behind_a_clear_is_heard_before_the_host_has_checked(board, host, instrument):
@@ -327,7 +310,7 @@ def test_an_exclamation_mark_behind_a_clear_is_heard_before_the_host_has_checked
     stopped = list(follower.look())
     board.run(50_000)
     assert follower.look() == stopped == counts(board)
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
 
 
 def stops_at_once(board, instrument, follower):
@@ -339,7 +322,7 @@ def stops_at_once(board, instrument, follower):
     board.run(50_000)
     assert follower.look() == stopped == counts(board)
     assert stopped[0] < 800
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
 
 
 @pytest.mark.parametrize("size", (52, 308, 692))
@@ -375,7 +358,7 @@ def test_a_request_without_a_question_is_an_error_whatever_follows_at_once(board
     host.start_out(instrument.output, header(DEV_DEP_MSG_IN, 1, 100))
     host.bulk_out(instrument.output, header(DEV_DEP_MSG_OUT, 2, 8, EOM) + b"*ESE 3\n ")
     instrument.tag = 2
-    assert errors(instrument) == [-420]
+    assert errors_of(instrument) == [-420]
 
 
 def set_interface(host, number):
@@ -397,7 +380,7 @@ def test_an_alternate_setting_that_is_set_begins_with_data0_and_leaves_nothing_b
     set_interface(host, instrument.interface)
     assert instrument.ask("*ESE?") == "0", "a link as after power-up"
     assert instrument.read_stb() == 0
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
     # bulk OUT may be halted before
     host.bulk_out(instrument.output, MALFORMED["bTag 0"])
     host.board.run(3000)
@@ -450,4 +433,4 @@ def test_unplugged_in_the_middle_of_an_answer_the_next_one_hears_his_own(board, 
     host.plug()
     instrument = Usbtmc(host.enumerate())
     assert instrument.ask("*ESE 9;*ESE?") == "9"
-    assert errors(instrument) == []
+    assert errors_of(instrument) == []
